@@ -1,0 +1,1 @@
+"""Rigid motions, cameras, absolute pose and two-view geometry; conventions in docs/conventions.md."""

@@ -1,0 +1,1 @@
+"""The leader's side: from a video to an immutable route map."""

@@ -1,0 +1,72 @@
+"""What building a route map reports: progress while it runs, a map or a reason when it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from server.mapping.route_map import RouteMap
+
+
+class BuildStage(StrEnum):
+    """Stages of a build, in order."""
+
+    DECODING = "decoding"
+    TRACKING = "tracking"
+    CLOSING = "closing"
+    REFINING = "refining"
+    FINISHING = "finishing"
+
+
+@dataclass(frozen=True, slots=True)
+class BuildProgress:
+    """``fraction`` (0 to 1) is of the whole build and never decreases."""
+
+    stage: BuildStage
+    fraction: float
+
+
+ProgressListener = Callable[[BuildProgress], None]
+
+
+class BuildStatus(StrEnum):
+    """How a build ended; all but READY are reasons a leader can act on."""
+
+    READY = "ready"
+    NOT_A_VIDEO = "not_a_video"
+    CAMERA_MISMATCH = "camera_mismatch"
+    TOO_SHORT = "too_short"
+    TOO_LONG = "too_long"
+    NO_TEXTURE = "no_texture"
+    NO_MOTION = "no_motion"
+    TRACKING_LOST = "tracking_lost"
+
+
+@dataclass(frozen=True, slots=True)
+class BuildReport:
+    """Figures of a build.
+
+    Attributes:
+        frames: video frames used (10 a second).
+        tracked_frames: of these, the ones whose pose rests on their own 2D-3D inliers.
+        video_seconds: length of the video.
+        lost: intervals (start, end) of the video in seconds without a tracked frame.
+    """
+
+    frames: int = 0
+    tracked_frames: int = 0
+    keyframes: int = 0
+    landmarks: int = 0
+    video_seconds: float = 0.0
+    lost: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class BuildResult:
+    """``route_map`` is set exactly when ``status`` is READY; ``detail`` is a sentence for the leader."""
+
+    status: BuildStatus
+    route_map: RouteMap | None
+    report: BuildReport
+    detail: str = ""

@@ -1,0 +1,1 @@
+"""The follower's side: relocalization on a route map, guidance, and the session's state machine."""
