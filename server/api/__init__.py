@@ -1,0 +1,1 @@
+"""HTTP and WebSocket: parses, asks a service, presents. No logic of its own."""

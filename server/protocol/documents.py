@@ -1,0 +1,210 @@
+"""JSON documents of the HTTP interface."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+Label = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200)]
+
+
+class CameraDescription(BaseModel):
+    """Intrinsics of a camera, models and parameter order as in COLMAP.
+
+    Attributes:
+        params: pixels; PINHOLE: fx, fy, cx, cy; OPENCV: fx, fy, cx, cy, k1, k2, p1, p2. The centre
+            of the first pixel is (0.5, 0.5).
+        fps: as recorded; not used.
+    """
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    model: Annotated[str, Field(max_length=32)]
+    width: Annotated[int, Field(ge=1, le=16384)]
+    height: Annotated[int, Field(ge=1, le=16384)]
+    params: Annotated[tuple[Annotated[float, Field(allow_inf_nan=False)], ...], Field(max_length=16)]
+    fps: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+
+
+class CreateRoute(BaseModel):
+    """A new route.
+
+    Attributes:
+        measured_length_m: length of the walked path if somebody measured it: fixes the map's scale.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Label
+    start_label: Label
+    destination_label: Label
+    measured_length_m: Annotated[float, Field(gt=0, le=100_000, allow_inf_nan=False)] | None = None
+
+
+RouteStateName = Literal["created", "uploaded", "building", "ready", "failed"]
+
+
+class BuildDocument(BaseModel):
+    """How far the building of the map is.
+
+    Attributes:
+        stage: ``queued`` or a stage of the build.
+        fraction: of the whole build, 0 to 1.
+        attempt: 1 for the first.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    stage: str
+    fraction: float
+    attempt: int
+
+
+class FailureDocument(BaseModel):
+    """Why there is no map: ``reason`` is a stable code, ``detail`` a sentence for the leader."""
+
+    model_config = ConfigDict(frozen=True)
+
+    reason: str
+    detail: str
+
+
+class LostInterval(BaseModel):
+    """Seconds of the video without a tracked frame."""
+
+    model_config = ConfigDict(frozen=True)
+
+    start_s: float
+    end_s: float
+
+
+class QualityReport(BaseModel):
+    """Figures of a build that ended, well or not."""
+
+    model_config = ConfigDict(frozen=True)
+
+    frames: int
+    tracked_frames: int
+    keyframes: int
+    landmarks: int
+    video_s: float
+    lost: tuple[LostInterval, ...]
+    build_s: float
+
+
+class MapSummary(BaseModel):
+    """A finished map in numbers.
+
+    Attributes:
+        length: of the walked path in map units.
+        metres_per_unit: null while the scale is unknown.
+        scale_source: what fixed it.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    length: float
+    length_m: float | None
+    metres_per_unit: float | None
+    scale_source: str
+    duration_s: float
+    turns: int
+    bytes: int
+
+
+class RouteDocument(BaseModel):
+    """A route."""
+
+    model_config = ConfigDict(frozen=True)
+
+    id: str
+    name: str
+    start_label: str
+    destination_label: str
+    measured_length_m: float | None
+    state: RouteStateName
+    has_camera: bool
+    video_bytes: int | None
+    build: BuildDocument | None
+    failure: FailureDocument | None
+    report: QualityReport | None
+    map: MapSummary | None
+    created_at: datetime
+    updated_at: datetime
+
+
+class RouteList(BaseModel):
+    """A page of routes, newest first; ``next`` is the cursor of the following page or null."""
+
+    model_config = ConfigDict(frozen=True)
+
+    routes: tuple[RouteDocument, ...]
+    next: str | None
+
+
+class TurnDocument(BaseModel):
+    """A turn: arc lengths in map units, angle in radians, positive to the left."""
+
+    model_config = ConfigDict(frozen=True)
+
+    start: float
+    end: float
+    angle: float
+
+
+class PathDocument(BaseModel):
+    """The walked path, for drawing.
+
+    Attributes:
+        metres_per_unit: null while the scale is unknown.
+        time_s: (F,) seconds of the video.
+        position: (F, 3) in the map's frame and unit, z up as far as it is known.
+        arc_length: (F,) map units walked.
+        tracked: (F,) false where a pose is interpolated.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    metres_per_unit: float | None
+    scale_source: str
+    time_s: tuple[float, ...]
+    position: tuple[tuple[float, float, float], ...]
+    arc_length: tuple[float, ...]
+    tracked: tuple[bool, ...]
+    turns: tuple[TurnDocument, ...]
+
+
+class HealthDocument(BaseModel):
+    """Whether the service works; ``status`` is ``ok`` or ``degraded``."""
+
+    model_config = ConfigDict(frozen=True)
+
+    status: Literal["ok", "degraded"]
+    version: str
+    protocol: int
+    database: bool
+    navigation_workers: int
+    navigation_sessions: int
+    builds: int
+
+
+class Problem(BaseModel):
+    """An error, as RFC 9457 has it, ``application/problem+json``.
+
+    Attributes:
+        type: a stable URN, ``urn:pairnavi:problem:<code>``.
+        code: the same without its prefix.
+        errors: of a request that does not validate: where and what.
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    code: str
+    instance: str | None = None
+    errors: list[dict[str, Any]] | None = None

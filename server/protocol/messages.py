@@ -1,0 +1,283 @@
+"""JSON messages of the navigation socket, both ways, told apart by ``type``.
+
+Lengths in ``*_m`` are metres and null unless the route's scale is known; angles are radians,
+positive to the left; quaternions x, y, z, w; times ``*_us`` microseconds, ``*_ms`` milliseconds.
+Clients ignore fields and enumeration values they do not know; the service refuses unknown fields.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+
+from server.protocol.documents import CameraDescription
+from server.protocol.frames import MAX_CAPTURE_TIME_US, MAX_SEQUENCE
+
+ClockMicroseconds = Annotated[int, Field(ge=0, le=MAX_CAPTURE_TIME_US)]
+Sequence = Annotated[int, Field(ge=0, le=MAX_SEQUENCE)]
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class _FromClient(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _FromServer(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class Hello(_FromClient):
+    """The first message of a connection.
+
+    Attributes:
+        protocol: version the client speaks.
+        camera: of the pictures as they are sent, before ``orientation`` turns them; null if unknown.
+        orientation: degrees clockwise by which a picture has to be turned to stand upright.
+        clock_us: the phone's clock now, the one capture times are of.
+        capabilities: names of what the client can do; unknown ones are ignored.
+        resume_token: of an earlier ``welcome``, to go on with its session.
+    """
+
+    type: Literal["hello"] = "hello"
+    protocol: int
+    camera: CameraDescription | None
+    orientation: Literal[0, 90, 180, 270] = 0
+    clock_us: ClockMicroseconds
+    capabilities: Annotated[tuple[Annotated[str, Field(max_length=64)], ...], Field(max_length=32)] = ()
+    resume_token: Annotated[str, Field(max_length=128)] | None = None
+
+
+class Ping(_FromClient):
+    """Keeps the connection alive and the clocks compared.
+
+    Attributes:
+        id: echoed.
+        clock_us: the phone's clock now.
+        round_trip_us: from the last ping to its pong as the client measured it, null before the first.
+    """
+
+    type: Literal["ping"] = "ping"
+    id: Sequence
+    clock_us: ClockMicroseconds
+    round_trip_us: Annotated[int, Field(ge=0, le=60_000_000)] | None = None
+
+
+class End(_FromClient):
+    """The walk is over: the session is forgotten, its resume token with it."""
+
+    type: Literal["end"] = "end"
+
+
+ClientMessage = Annotated[Hello | Ping | End, Field(discriminator="type")]
+
+
+class Limits(_FromServer):
+    """What the service accepts on this connection."""
+
+    max_frame_bytes: int
+    max_message_bytes: int
+    max_pixels: int
+    max_frames_per_second: float
+
+
+class RouteSummary(_FromServer):
+    """The route a client is guided on.
+
+    Attributes:
+        length_m: null while the scale is unknown.
+        duration_s: what the leader took.
+        turns: their number.
+    """
+
+    id: str
+    name: str
+    start_label: str
+    destination_label: str
+    length_m: float | None
+    duration_s: float
+    turns: int
+
+
+class Welcome(_FromServer):
+    """The answer to ``hello``.
+
+    Attributes:
+        resume_token: secret; opens this session again within ``resume_within_s`` of a lost connection.
+        resumed: whether an earlier session goes on.
+        last_sequence: of a resumed session: the next frame's must be greater; null when none was taken.
+        heartbeat_interval_s: send a ping this often.
+        idle_timeout_s: the connection is closed after so long without a message.
+    """
+
+    type: Literal["welcome"] = "welcome"
+    protocol: int
+    session_id: str
+    resume_token: str
+    resumed: bool
+    last_sequence: int | None
+    server_clock_us: int
+    heartbeat_interval_s: float
+    idle_timeout_s: float
+    resume_within_s: float
+    limits: Limits
+    route: RouteSummary
+
+
+class Age(_FromServer):
+    """How old an update is when it is sent.
+
+    Attributes:
+        server_ms: since the frame was received.
+        capture_ms: since the picture was taken, by the estimated clock offset; null while there is none.
+    """
+
+    server_ms: float
+    capture_ms: float | None
+
+
+class FixMessage(_FromServer):
+    """A pose in the route map's frame and unit, of the camera turned upright.
+
+    Attributes:
+        position: camera centre.
+        orientation: world_from_camera quaternion.
+        position_sigma: radius of one standard deviation of the position, map units.
+        rotation_sigma: the same of the orientation, radians.
+        inliers: correspondences that agree with the pose.
+    """
+
+    position: Vector3
+    orientation: Quaternion
+    position_sigma: float
+    rotation_sigma: float
+    inliers: int
+    matches: int
+    keyframe: int
+
+
+class RefusalMessage(_FromServer):
+    """Why the frame has no pose."""
+
+    reason: str
+    inliers: int
+
+
+class NextTurnMessage(_FromServer):
+    """The next turn; ``seconds`` is what the leader took to its beginning."""
+
+    angle: float
+    distance_m: float | None
+    seconds: float
+
+
+class GuidanceMessage(_FromServer):
+    """What to do: codes with numbers, sentences are the client's.
+
+    Attributes:
+        progress: 0 to 1.
+        bearing: to the temporary destination in the camera, radians, positive to the left.
+    """
+
+    progress: float
+    walked_m: float | None
+    remaining_m: float | None
+    remaining_s: float
+    instruction: str
+    bearing: float
+    next_turn: NextTurnMessage | None
+
+
+class FrameCounts(_FromServer):
+    """Frames of the session so far.
+
+    Attributes:
+        received: with a valid header.
+        answered: with an update.
+        replaced: dropped because a newer one came before they were looked at.
+        stale: dropped because they came out of order or twice.
+        bad: no JPEG, or of the wrong size.
+    """
+
+    received: int
+    answered: int
+    replaced: int
+    stale: int
+    bad: int
+
+
+class UpdateMessage(_FromServer):
+    """The answer to one frame; of ``fix`` and ``refusal`` exactly one is set."""
+
+    type: Literal["update"] = "update"
+    sequence: int
+    capture_time_us: int
+    age: Age
+    state: str
+    fix: FixMessage | None
+    refusal: RefusalMessage | None
+    guidance: GuidanceMessage | None
+    frames: FrameCounts
+
+
+class ErrorMessage(_FromServer):
+    """Something the client sent was not accepted.
+
+    Attributes:
+        code: stable, documented.
+        sequence: of the frame concerned, if one is.
+        fatal: the connection is closed after this message.
+    """
+
+    type: Literal["error"] = "error"
+    code: str
+    detail: str
+    sequence: int | None = None
+    fatal: bool = False
+
+
+class Pong(_FromServer):
+    """The answer to a ping; ``clock_us`` is the ping's."""
+
+    type: Literal["pong"] = "pong"
+    id: int
+    clock_us: int
+    server_clock_us: int
+
+
+class Goodbye(_FromServer):
+    """The last message before an orderly close; ``may_resume`` as in :class:`CloseCode`."""
+
+    type: Literal["goodbye"] = "goodbye"
+    reason: str
+    may_resume: bool
+    frames: FrameCounts
+
+
+ServerMessage = Annotated[
+    Welcome | UpdateMessage | ErrorMessage | Pong | Goodbye, Field(discriminator="type")
+]
+
+_client_messages: TypeAdapter[Hello | Ping | End] = TypeAdapter(ClientMessage)
+_server_messages: TypeAdapter[Welcome | UpdateMessage | ErrorMessage | Pong | Goodbye] = TypeAdapter(
+    ServerMessage
+)
+
+
+def parse_client_message(text: str | bytes) -> Hello | Ping | End:
+    """Parse what a client sent.
+
+    Raises:
+        pydantic.ValidationError: (a ValueError) not JSON, an unknown type, or a field that does not fit.
+    """
+    return _client_messages.validate_json(text)
+
+
+def parse_server_message(text: str | bytes) -> Welcome | UpdateMessage | ErrorMessage | Pong | Goodbye:
+    """Parse what the service sent.
+
+    Raises:
+        pydantic.ValidationError: (a ValueError) not JSON, an unknown type, or a field that does not fit.
+    """
+    return _server_messages.validate_json(text)

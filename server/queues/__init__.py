@@ -1,0 +1,1 @@
+"""Ports between processes: the job queue and the frame mailbox."""

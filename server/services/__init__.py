@@ -1,0 +1,1 @@
+"""Use cases: the life of a route, its builds, navigation sessions."""

@@ -1,0 +1,73 @@
+"""Settings of a deployment, from the environment (``PAIRNAVI_*``) or the command line.
+
+Only the app factory, the workers' start and the command line read them; everything else is handed
+small option objects.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+class Settings(BaseSettings):
+    """Sizes in bytes, times in seconds.
+
+    Attributes:
+        host, port: loopback by default; port 0 takes a free one.
+        data: folder of the database file and the object store.
+        database_url: SQLAlchemy URL with an async driver; by default SQLite in ``data``.
+        max_video_bytes: of one upload.
+        build_processes: builds that run at once.
+        build_timeout_s: after which a build is given up.
+        max_build_attempts: builds begun for one upload before a restart of the service gives it up.
+        navigation_processes: processes that own sessions.
+        maps_per_process: route maps kept open in each of them.
+        max_sessions: navigation sessions at once, connected or waiting to be resumed.
+        max_frame_bytes, max_pixels: of one picture.
+        max_message_bytes: of one JSON message or document.
+        max_frames_per_second, max_messages_per_second: sustained; bursts of four seconds' worth pass.
+        heartbeat_interval_s: how often clients are told to ping.
+        idle_timeout_s: silence after which a connection is closed.
+        hello_timeout_s: for the first message.
+        send_timeout_s: for a message to be taken by the client's network.
+        resume_within_s: how long a session outlives its connection.
+        log_json: structured lines for machines instead of coloured ones for people.
+    """
+
+    model_config = SettingsConfigDict(env_prefix="PAIRNAVI_", extra="ignore", frozen=True)
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=8000, ge=0, le=65535)
+    data: Path = Path("var")
+    database_url: str | None = None
+
+    max_video_bytes: int = Field(default=4 << 30, gt=0)
+    build_processes: int = Field(default=1, ge=1)
+    build_timeout_s: float = Field(default=7200.0, gt=0)
+    max_build_attempts: int = Field(default=3, ge=1)
+
+    navigation_processes: int = Field(default=1, ge=1)
+    maps_per_process: int = Field(default=4, ge=1)
+    max_sessions: int = Field(default=64, ge=1)
+    max_frame_bytes: int = Field(default=2 << 20, gt=0)
+    max_pixels: int = Field(default=16_000_000, gt=0)
+    max_message_bytes: int = Field(default=64 << 10, gt=0)
+    max_frames_per_second: float = Field(default=30.0, gt=0)
+    max_messages_per_second: float = Field(default=10.0, gt=0)
+    heartbeat_interval_s: float = Field(default=5.0, gt=0)
+    idle_timeout_s: float = Field(default=20.0, gt=0)
+    hello_timeout_s: float = Field(default=10.0, gt=0)
+    send_timeout_s: float = Field(default=5.0, gt=0)
+    resume_within_s: float = Field(default=120.0, gt=0)
+
+    log_json: bool = False
+
+    @property
+    def resolved_database_url(self) -> str:
+        """The database's URL, the default filled in."""
+        if self.database_url is not None:
+            return self.database_url
+        return f"sqlite+aiosqlite:///{self.data.resolve() / 'pairnavi.db'}"

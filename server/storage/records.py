@@ -1,0 +1,71 @@
+"""Rows as the rest of the server sees them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+from typing import Any
+from uuid import UUID
+
+
+class RouteState(StrEnum):
+    """Where a route stands.
+
+    CREATED -> UPLOADED (video and camera are there, a build is due) -> BUILDING -> READY or FAILED.
+    FAILED -> UPLOADED with another video or camera.
+    """
+
+    CREATED = "created"
+    UPLOADED = "uploaded"
+    BUILDING = "building"
+    READY = "ready"
+    FAILED = "failed"
+
+
+ACCEPTS_UPLOADS = (RouteState.CREATED, RouteState.FAILED)
+"""States in which a video or a camera may be (re)placed."""
+
+UNFINISHED = (RouteState.UPLOADED, RouteState.BUILDING)
+"""States a build is owed to."""
+
+
+@dataclass(frozen=True, slots=True)
+class RouteRecord:
+    """A route.
+
+    Attributes:
+        owner: whom it belongs to; every read through a principal is filtered by it.
+        camera: the leader's camera as JSON.
+        video_key, map_key, path_key: in the object store.
+        build_attempt: number of builds begun for what is uploaded now.
+        report, map_summary: JSON of the finished build.
+    """
+
+    id: UUID
+    owner: str
+    name: str
+    start_label: str
+    destination_label: str
+    measured_length_m: float | None
+    state: RouteState
+    camera: Mapping[str, Any] | None
+    video_key: str | None
+    video_bytes: int | None
+    map_key: str | None
+    path_key: str | None
+    build_stage: str | None
+    build_fraction: float
+    build_attempt: int
+    failure_reason: str | None
+    failure_detail: str | None
+    report: Mapping[str, Any] | None
+    map_summary: Mapping[str, Any] | None
+    created_at: datetime
+    updated_at: datetime
+
+    @property
+    def object_keys(self) -> tuple[str, ...]:
+        """Keys of everything the route has in the object store."""
+        return tuple(key for key in (self.video_key, self.map_key, self.path_key) if key is not None)

@@ -1,0 +1,1 @@
+"""Processes that do the heavy work: builds, and the navigation pool."""

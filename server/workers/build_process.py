@@ -1,0 +1,109 @@
+"""The build process: from a video to a map file and a path document."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from typing import Any
+
+from server.geometry.cameras import Camera
+from server.mapping.outcome import BuildProgress, BuildReport, BuildResult
+from server.mapping.route_map import RouteMap, Scale, ScaleSource
+from server.queues.jobs import BuildOrder, BuildOutcome, JobProgress
+
+Builder = Callable[[BuildOrder, Callable[[JobProgress], None]], BuildOutcome]
+
+
+def main(connection: Connection, builder: str) -> None:
+    """Receive one order, send progress, then the outcome.
+
+    Args:
+        builder: import path of a :data:`Builder`.
+    """
+    from server.workers.child import load
+
+    order: BuildOrder = connection.recv()
+    build: Builder = load(builder)
+    connection.send(build(order, connection.send))
+    connection.close()
+
+
+def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> BuildOutcome:
+    """Build the route map of an order and leave its files in the order's folder."""
+    from server.mapping.build import build_route_map
+    from server.mapping.codec import save_route_map
+
+    def report_progress(progress: BuildProgress) -> None:
+        on_progress(JobProgress(str(progress.stage), progress.fraction))
+
+    begun = time.monotonic()
+    result: BuildResult = build_route_map(
+        order.video, Camera.from_json(order.camera), on_progress=report_progress
+    )
+    report = report_document(result.report, time.monotonic() - begun)
+    if result.route_map is None:
+        return BuildOutcome(str(result.status), result.detail, report=report)
+    route_map = scaled_by_measurement(result.route_map, order.measured_length_m)
+    map_file, path_file = order.folder / "map", order.folder / "path.json"
+    save_route_map(route_map, map_file)
+    path_file.write_text(json.dumps(path_document(route_map)), encoding="utf-8")
+    return BuildOutcome(
+        None,
+        result.detail,
+        map_file=map_file,
+        path_file=path_file,
+        report=report,
+        map_summary=summary_document(route_map),
+    )
+
+
+def scaled_by_measurement(route_map: RouteMap, measured_length_m: float | None) -> RouteMap:
+    """The map with its scale fixed by the measured length of the whole path, in metres."""
+    length = float(route_map.path.arc_length[-1])
+    if measured_length_m is None or length <= 0:
+        return route_map
+    return replace(route_map, scale=Scale(measured_length_m / length, ScaleSource.MEASURED_LENGTH))
+
+
+def report_document(report: BuildReport, build_seconds: float) -> dict[str, Any]:
+    """JSON of :class:`server.protocol.documents.QualityReport`."""
+    return {
+        "frames": report.frames,
+        "tracked_frames": report.tracked_frames,
+        "keyframes": report.keyframes,
+        "landmarks": report.landmarks,
+        "video_s": round(report.video_seconds, 3),
+        "lost": [{"start_s": round(a, 3), "end_s": round(b, 3)} for a, b in report.lost],
+        "build_s": round(build_seconds, 3),
+    }
+
+
+def summary_document(route_map: RouteMap) -> dict[str, Any]:
+    """JSON of :class:`server.protocol.documents.MapSummary` but its size in bytes."""
+    path, scale = route_map.path, route_map.scale
+    length = float(path.arc_length[-1])
+    return {
+        "length": length,
+        "length_m": scale.metres(length),
+        "metres_per_unit": scale.metres_per_unit,
+        "scale_source": str(scale.source),
+        "duration_s": float(path.time[-1] - path.time[0]),
+        "turns": len(route_map.turns),
+    }
+
+
+def path_document(route_map: RouteMap) -> dict[str, Any]:
+    """JSON of :class:`server.protocol.documents.PathDocument`."""
+    path = route_map.path
+    return {
+        "metres_per_unit": route_map.scale.metres_per_unit,
+        "scale_source": str(route_map.scale.source),
+        "time_s": path.time.round(3).tolist(),
+        "position": path.position.round(5).tolist(),
+        "arc_length": path.arc_length.round(5).tolist(),
+        "tracked": path.tracked.tolist(),
+        "turns": [{"start": t.start, "end": t.end, "angle": t.angle} for t in route_map.turns],
+    }

@@ -1,0 +1,82 @@
+"""Starting child processes: one thread in every library, no signals of the terminal.
+
+Nothing heavy is imported here: thread pools read the environment when their library is loaded.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from importlib import import_module
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+_THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
+
+
+def load(path: str) -> Any:
+    """The object at ``package.module:name``."""
+    module, _, name = path.partition(":")
+    return getattr(import_module(module), name)
+
+
+def start_child(name: str, entry: str, *arguments: str | int | float) -> tuple[BaseProcess, Connection]:
+    """Start a process that calls ``entry(connection, *arguments)``; returns it and the other end.
+
+    Args:
+        entry: ``package.module:function``, imported in the child only.
+        arguments: plain values, so that the child imports nothing to receive them.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=True)
+    process = context.Process(target=_run, args=(entry, theirs, *arguments), name=name, daemon=True)
+    try:
+        process.start()
+    except BaseException:
+        ours.close()
+        raise
+    finally:
+        theirs.close()
+    return process, ours
+
+
+def _run(entry: str, connection: Connection, *arguments: str | int | float) -> None:
+    # The terminal sends its interrupt to the whole group; the parent decides when children end.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for variable in _THREAD_VARIABLES:
+        os.environ[variable] = "1"
+    import cv2
+
+    cv2.setNumThreads(1)
+    load(entry)(connection, *arguments)
+
+
+def stop_child(process: BaseProcess) -> int | None:
+    """Kill a child and wait for it; returns its exit code. Blocks for a moment."""
+    if process.is_alive():
+        process.kill()
+    process.join(timeout=10)
+    code = process.exitcode
+    if code is not None:
+        process.close()
+    return code
+
+
+def describe_exit(code: int | None) -> str:
+    """An exit code in words."""
+    if code is None:
+        return "it did not end"
+    if code < 0:
+        try:
+            return f"it was killed by {signal.Signals(-code).name}"
+        except ValueError:
+            return f"it was killed by signal {-code}"
+    return f"it ended with code {code}"
