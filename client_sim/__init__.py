@@ -1,0 +1,1 @@
+"""The reference phone: replays recorded and synthetic walks over the real protocol."""
