@@ -176,7 +176,7 @@ def follower_picture(leader: LeaderJudgement, judged: FollowerJudgement) -> Figu
     walked = arc_length(judged.truth.position)
     top = figure.add_subplot(grid[0, 1])
     _draw_error(top, walked, judged.position_error_m, judged, FALSE_POSITION_M)
-    top.set_title("error relative to the route (orange: refused, violet: off the route)", fontsize=10)
+    top.set_title("error relative to the route")
     top.set_ylabel("position, m")
     bottom = figure.add_subplot(grid[1, 1], sharex=top)
     _draw_error(bottom, walked, judged.rotation_error_deg, judged, FALSE_ROTATION_DEG)
@@ -224,7 +224,7 @@ def write_plots(folder: Path, leader: LeaderJudgement, followers: Sequence[Follo
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     with mpl.rc_context(STYLE):
-        figures = {f"leader_{leader.report.name}": leader_picture(leader)}
+        figures = {"leader": leader_picture(leader)}
         for judged in followers:
             name = f"follower_{judged.report.name.removeprefix('follower_')}"
             while name in figures:
