@@ -99,5 +99,5 @@ class BuildLedger(Protocol):
         ...
 
     async def abandon(self, order: BuildOrder) -> None:
-        """The build was stopped: remove its folder, change nothing else."""
+        """The build was stopped on purpose: it is owed again, and this attempt does not count."""
         ...

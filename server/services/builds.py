@@ -99,7 +99,7 @@ class BuildService:
             else:
                 await self._finish_failed(order, outcome)
         finally:
-            await self.abandon(order)
+            await _remove(order)
 
     async def _finish_ready(self, order: BuildOrder, outcome: BuildOutcome) -> None:
         if outcome.map_file is None or outcome.path_file is None:
@@ -140,7 +140,17 @@ class BuildService:
 
     async def abandon(self, order: BuildOrder) -> None:
         """See :meth:`server.queues.jobs.BuildLedger.abandon`."""
-        await asyncio.to_thread(shutil.rmtree, order.folder, ignore_errors=True)
+        async with self._database.begin() as unit:
+            await unit.builds.change(
+                order.route_id,
+                (RouteState.BUILDING,),
+                self._clock(),
+                state=RouteState.UPLOADED,
+                build_stage="queued",
+                build_fraction=0.0,
+                build_attempt=order.attempt - 1,
+            )
+        await _remove(order)
 
     async def recover(self, jobs: JobQueue) -> int:
         """At start: queue what is owed, remove what belongs to no route. Returns the number queued."""
@@ -169,3 +179,7 @@ class BuildService:
         """
         log.debug("map.located", route=str(route_id))
         return str(await self._store.local_path(map_key))
+
+
+async def _remove(order: BuildOrder) -> None:
+    await asyncio.to_thread(shutil.rmtree, order.folder, ignore_errors=True)

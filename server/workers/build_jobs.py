@@ -27,6 +27,9 @@ BUILDER = "server.workers.build_process:build"
 _RECORD_EVERY_S = 2.0
 """Progress is written to the database at most so often, besides changes of stage."""
 
+_EXIT_GRACE_S = 2.0
+"""For a process that has closed its pipe to end, so that its own exit code is seen."""
+
 
 @dataclass(slots=True)
 class _Running:
@@ -85,7 +88,11 @@ class ProcessJobQueue:
 
     async def close(self) -> None:
         """Stop all builds; the database still says that they are owed."""
-        for entry in list(self._jobs.values()):
+        entries = list(self._jobs.values())
+        for entry in entries:
+            # All of them first: the room one leaves must not go to the next.
+            entry.cancelled = True
+        for entry in entries:
             await self._stop(entry)
         self._threads.shutdown()
 
@@ -167,7 +174,7 @@ class ProcessJobQueue:
             progressed.set()
             await recorder
             entry.process = None
-            code = await asyncio.to_thread(stop_child, process)
+            code = await asyncio.to_thread(stop_child, process, _EXIT_GRACE_S)
             connection.close()
         if outcome is not None:
             return outcome

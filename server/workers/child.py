@@ -59,8 +59,9 @@ def _run(entry: str, connection: Connection, *arguments: str | int | float) -> N
     load(entry)(connection, *arguments)
 
 
-def stop_child(process: BaseProcess) -> int | None:
-    """Kill a child and wait for it; returns its exit code. Blocks for a moment."""
+def stop_child(process: BaseProcess, grace_s: float) -> int | None:
+    """Kill a child that has not ended by itself within ``grace_s``; returns its exit code. Blocks."""
+    process.join(timeout=grace_s)
     if process.is_alive():
         process.kill()
     process.join(timeout=10)

@@ -159,12 +159,13 @@ class NavigationChannel:
 
     async def stop(self) -> int | None:
         """Kill the process if it lives, and clean up after it; returns its exit code."""
+        grace_s = 1.0 if self._ended else 0.0
         if not self._ended:
             self._fail_pending()
-        return await asyncio.to_thread(self._clean_up)
+        return await asyncio.to_thread(self._clean_up, grace_s)
 
-    def _clean_up(self) -> int | None:
-        code = stop_child(self._process)
+    def _clean_up(self, grace_s: float) -> int | None:
+        code = stop_child(self._process, grace_s)
         self._writer.join(timeout=10)
         self._reader.join(timeout=10)
         self._connection.close()

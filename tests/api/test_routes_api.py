@@ -1,0 +1,237 @@
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from datetime import UTC, datetime
+from pathlib import Path
+from uuid import UUID, uuid4
+
+import httpx
+import pytest
+import service
+from service import CAMERA, NEW_ROUTE, Service
+
+from server.storage.database import Database
+from server.storage.records import RouteState
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+def assert_problem(response: httpx.Response, status: int, code: str) -> dict[str, object]:
+    assert response.status_code == status, response.text
+    assert response.headers["content-type"] == "application/problem+json"
+    document: dict[str, object] = response.json()
+    assert document["type"] == f"urn:pairnavi:problem:{code}"
+    assert document["code"] == code
+    assert document["status"] == status
+    assert document["detail"]
+    return document
+
+
+async def test_a_video_and_a_camera_become_a_ready_route(shared: Service) -> None:
+    created = await shared.http.post("/v1/routes", json={**NEW_ROUTE, "measured_length_m": 12.5})
+    assert created.status_code == 201
+    route = created.json()
+    assert created.headers["location"] == f"/v1/routes/{route['id']}"
+    assert (route["state"], route["has_camera"], route["video_bytes"]) == ("created", False, None)
+
+    url = f"/v1/routes/{route['id']}"
+    uploaded = (await shared.http.put(f"{url}/video", content=b"good" + b"x" * 50_000)).json()
+    assert (uploaded["state"], uploaded["video_bytes"]) == ("created", 50_004)
+    queued = (await shared.http.put(f"{url}/camera", json=CAMERA)).json()
+    assert queued["state"] == "uploaded"
+
+    ready = await shared.wait(route["id"], "ready", "failed")
+    assert ready["state"] == "ready"
+    assert ready["build"] == {"stage": "finished", "fraction": 1.0, "attempt": 1}
+    assert ready["report"]["lost"] == [{"start_s": 0.1, "end_s": 0.2}]
+    assert ready["map"]["length_m"] == 12.5
+    path = (await shared.http.get(f"{url}/path")).json()
+    assert path["position"] == [[0, 0, 0], [0, 1, 0]]
+    downloaded = await shared.http.get(f"{url}/map")
+    assert downloaded.content == b"MAPgood" + b"x" * 60
+    assert ready["map"]["bytes"] == len(downloaded.content) == int(downloaded.headers["content-length"])
+
+
+async def test_camera_first_works_too(shared: Service) -> None:
+    route_id = (await shared.http.post("/v1/routes", json=NEW_ROUTE)).json()["id"]
+    await shared.http.put(f"/v1/routes/{route_id}/camera", json=CAMERA)
+    done = await shared.http.put(f"/v1/routes/{route_id}/video", content=b"good")
+    assert done.json()["state"] == "uploaded"
+    await shared.wait(route_id, "ready")
+
+
+async def test_a_failed_build_says_why_and_takes_another_video(shared: Service) -> None:
+    route_id = await shared.upload(b"bad!")
+    failed = await shared.wait(route_id, "failed", "ready")
+    assert failed["failure"] == {"reason": "no_texture", "detail": "the walls are bare"}
+    assert failed["report"]["frames"] == 3
+    refused = await shared.http.get(f"/v1/routes/{route_id}/map")
+    assert "the walls are bare" in str(assert_problem(refused, 409, "route_not_ready")["detail"])
+
+    again = (await shared.http.put(f"/v1/routes/{route_id}/video", content=b"good")).json()
+    assert (again["state"], again["failure"], again["report"]) == ("uploaded", None, None)
+    await shared.wait(route_id, "ready")
+    keys = await shared.parts.store.keys(f"routes/{route_id}")
+    assert sorted(key.rpartition("/")[2].partition("-")[0] for key in keys) == ["map", "path", "video"]
+
+
+@pytest.mark.parametrize(("video", "how"), [(b"die!", "code 7"), (b"raise", "code 1")])
+async def test_a_build_process_that_dies_fails_its_route_only(
+    shared: Service, video: bytes, how: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    dead = await shared.wait(await shared.upload(video), "failed", "ready")
+    assert dead["failure"]["reason"] == "build_process_died"
+    assert how in dead["failure"]["detail"]
+    await shared.ready_route()
+
+
+async def test_progress_is_seen_while_building_and_deletion_stops_it(shared: Service) -> None:
+    route_id = await shared.upload(b"slow")
+    building = await shared.wait(route_id, "building")
+    async with asyncio.timeout(10):
+        while building["build"]["stage"] != "tracking":
+            building = (await shared.http.get(f"/v1/routes/{route_id}")).json()
+    assert building["build"] == {"stage": "tracking", "fraction": 0.25, "attempt": 1}
+    assert (await shared.http.get("/v1/health")).json()["builds"] == 1
+    assert_problem(await shared.http.put(f"/v1/routes/{route_id}/video", content=b"x"), 409, "route_state")
+    assert_problem(await shared.http.get(f"/v1/routes/{route_id}/map"), 409, "route_not_ready")
+
+    assert (await shared.http.delete(f"/v1/routes/{route_id}")).status_code == 204
+    assert shared.parts.jobs.running == 0
+    assert await shared.parts.store.keys(f"routes/{route_id}") == []
+    assert_problem(await shared.http.get(f"/v1/routes/{route_id}"), 404, "route_not_found")
+    await shared.ready_route()
+
+
+async def test_routes_are_listed_in_pages_newest_first(data: Path) -> None:
+    async with service.running(service.settings(data)) as running:
+        made = [(await running.http.post("/v1/routes", json=NEW_ROUTE)).json()["id"] for _ in range(5)]
+        seen: list[str] = []
+        cursor: str | None = None
+        for _ in range(3):
+            parameters = {"limit": "2"} | ({} if cursor is None else {"cursor": cursor})
+            page = (await running.http.get("/v1/routes", params=parameters)).json()
+            seen += [route["id"] for route in page["routes"]]
+            cursor = page["next"]
+        assert cursor is None
+        assert seen == made[::-1]
+
+
+async def test_every_refusal_is_a_problem_document(shared: Service) -> None:
+    http = shared.http
+    unknown = f"/v1/routes/{uuid4()}"
+    assert_problem(await http.get(unknown), 404, "route_not_found")
+    assert_problem(await http.delete(unknown), 404, "route_not_found")
+    assert_problem(await http.put(f"{unknown}/video", content=b"x"), 404, "route_not_found")
+    assert_problem(await http.put(f"{unknown}/camera", json=CAMERA), 404, "route_not_found")
+    assert_problem(await http.get("/v1/nothing"), 404, "not_found")
+    patched = await http.patch("/v1/routes")
+    assert_problem(patched, 405, "method_not_allowed")
+    assert "GET" in patched.headers["allow"] or "POST" in patched.headers["allow"]
+    assert_problem(await http.get("/v1/routes/not-an-id"), 422, "invalid_request")
+    invalid = assert_problem(
+        await http.post("/v1/routes", json={**NEW_ROUTE, "name": " "}), 422, "invalid_request"
+    )
+    assert invalid["errors"] == [
+        {
+            "location": ["body", "name"],
+            "type": "string_too_short",
+            "message": "String should have at least 1 character",
+        }
+    ]
+    assert_problem(await http.post("/v1/routes", content=b"{"), 422, "invalid_request")
+    assert_problem(await http.get("/v1/routes", params={"cursor": "x"}), 422, "cursor_invalid")
+    assert_problem(await http.get("/v1/routes", params={"limit": "0"}), 422, "invalid_request")
+
+
+async def test_sizes_are_limited(shared: Service) -> None:
+    http = shared.http
+    route_id = (await http.post("/v1/routes", json=NEW_ROUTE)).json()["id"]
+    video = f"/v1/routes/{route_id}/video"
+
+    async def endless() -> AsyncIterator[bytes]:
+        for _ in range(40):
+            yield b"x" * 10_000
+
+    assert_problem(await http.put(video, content=b"x" * 100_001), 413, "upload_too_large")
+    assert_problem(await http.put(video, content=endless()), 413, "upload_too_large")
+    assert_problem(await http.put(video, content=b""), 400, "upload_incomplete")
+    assert_problem(await http.post("/v1/routes", content=b" " * 100_000), 413, "body_too_large")
+    assert_problem(await http.post("/v1/routes", content=endless()), 413, "body_too_large")
+    assert await shared.parts.store.keys(f"routes/{route_id}") == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"params": [1, 1, 1, 1]}, {"params": [500, 500, 320]}, {"model": "FISHEYE"}, {"width": 3}],
+)
+async def test_a_camera_that_cannot_be_is_refused(shared: Service, change: dict[str, object]) -> None:
+    route_id = (await shared.http.post("/v1/routes", json=NEW_ROUTE)).json()["id"]
+    response = await shared.http.put(f"/v1/routes/{route_id}/camera", json={**CAMERA, **change})
+    assert_problem(response, 422, "camera_invalid")
+
+
+async def test_an_upload_that_breaks_off_leaves_nothing(shared: Service) -> None:
+    route_id = (await shared.http.post("/v1/routes", json=NEW_ROUTE)).json()["id"]
+    host, _, port = shared.url.removeprefix("http://").partition(":")
+    _, writer = await asyncio.open_connection(host, int(port))
+    writer.write(
+        f"PUT /v1/routes/{route_id}/video HTTP/1.1\r\nHost: x\r\nContent-Length: 90000\r\n\r\n".encode()
+        + b"x" * 5000
+    )
+    await writer.drain()
+    writer.close()
+    await writer.wait_closed()
+    await asyncio.sleep(0.3)
+    assert await shared.parts.store.keys(f"routes/{route_id}") == []
+    assert (await shared.http.get(f"/v1/routes/{route_id}")).json()["video_bytes"] is None
+    assert list((shared.parts.settings.data / "store" / "unfinished").iterdir()) == []
+
+
+async def test_health_and_description(shared: Service) -> None:
+    health = (await shared.http.get("/v1/health")).json()
+    assert (health["status"], health["database"], health["navigation_workers"]) == ("ok", True, 1)
+    paths = (await shared.http.get("/v1/openapi.json")).json()["paths"]
+    assert "/v1/routes/{route_id}/video" in paths
+
+
+async def test_a_restart_takes_up_unfinished_builds(data: Path) -> None:
+    chosen = service.settings(data)
+    async with service.running(chosen) as first:
+        route_id = await first.upload(b"slow")
+        await first.wait(route_id, "building")
+        other = await first.upload(b"good")
+        video = next(key for key in await first.parts.store.keys(f"routes/{route_id}"))
+    # The service has gone while one build ran and one waited. The first video no longer is slow.
+    (data / "store" / "objects" / video).write_bytes(b"good")
+    async with service.running(chosen) as second:
+        taken_up = await second.wait(route_id, "ready", "failed")
+        assert (taken_up["state"], taken_up["build"]["attempt"]) == ("ready", 1)
+        assert (await second.wait(other, "ready", "failed"))["build"]["attempt"] == 1
+
+
+async def test_a_video_that_never_ends_is_given_up(data: Path) -> None:
+    async with service.running(service.settings(data, build_timeout_s=1.0)) as running:
+        failed = await running.wait(await running.upload(b"slow"), "failed")
+        assert failed["failure"]["reason"] == "timed_out"
+
+
+async def test_a_build_begun_too_often_is_given_up(data: Path) -> None:
+    chosen = service.settings(data, max_build_attempts=1)
+    async with service.running(chosen) as first:
+        route_id = await first.upload(b"slow")
+        await first.wait(route_id, "building")
+    # As a service leaves it that was killed in the middle of the build.
+    database = Database(chosen.resolved_database_url)
+    async with database.begin() as unit:
+        await unit.builds.change(
+            UUID(route_id),
+            [RouteState.UPLOADED],
+            datetime.now(UTC),
+            state=RouteState.BUILDING,
+            build_attempt=1,
+        )
+    await database.close()
+    async with service.running(chosen) as second:
+        assert (await second.wait(route_id, "failed"))["failure"]["reason"] == "gave_up"
