@@ -159,17 +159,20 @@ def _intervals(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def follower_picture(leader: LeaderJudgement, judged: FollowerJudgement) -> Figure:
     """A follower's fixes over the truth, and their errors along the walk."""
+    plane = ground_plane(leader.truth)
+    report = judged.report
+    if report.wrong_building:
+        figure = _figure(8, 6)
+        alone = figure.subplots()
+        _draw_route(alone, leader, plane)
+        _draw_wrong_building(alone, judged, plane)
+        alone.set_title(f"{report.name}: another building than the route's")
+        alone.legend(loc="best", fontsize=9)
+        return figure
     figure = _figure(12, 6)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1))
     above = figure.add_subplot(grid[:, 0])
-    plane = ground_plane(leader.truth)
     _draw_route(above, leader, plane)
-    report = judged.report
-    if report.wrong_building:
-        _draw_wrong_building(above, judged, plane)
-        above.set_title(f"{report.name}: another building than the route's")
-        above.legend(loc="best", fontsize=9)
-        return figure
     _draw_fixes(above, judged, plane)
     above.set_title(f"{report.name}: {100 * report.relocalized_fraction:.1f} % relocalized on the route")
     above.legend(loc="best", fontsize=9)
