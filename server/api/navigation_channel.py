@@ -87,7 +87,7 @@ class PhoneChannel:
                 await asyncio.wait_for(self._websocket.send_text(text), self._send_timeout_s)
         except TimeoutError:
             raise EndConnection(
-                CloseCode.SLOW_CLIENT, ErrorCode.RATE_EXCEEDED, "the client does not read"
+                CloseCode.SLOW_CLIENT, ErrorCode.SLOW_CLIENT, "the client does not read"
             ) from None
         except (WebSocketDisconnect, RuntimeError):
             raise ConnectionGone from None

@@ -215,8 +215,10 @@ class NavigationConnection:
             raise EndConnection(CloseCode.BUSY, ErrorCode.BUSY, error.detail) from None
         except ObjectMissingError:
             raise _map_unusable("the route's map file is gone") from None
-        except (MapUnusableError, NavigationUnavailableError) as error:
+        except MapUnusableError as error:
             raise _map_unusable(error.detail) from None
+        except NavigationUnavailableError as error:
+            raise EndConnection(CloseCode.INTERNAL_ERROR, ErrorCode.INTERNAL_ERROR, error.detail) from None
         return session, False
 
     async def _welcome(self, session: LiveSession, route: RouteRecord, resumed: bool) -> None:
@@ -374,7 +376,7 @@ def _bad_hello(detail: str) -> EndConnection:
 
 
 def _map_unusable(detail: str) -> EndConnection:
-    return EndConnection(CloseCode.INTERNAL_ERROR, ErrorCode.MAP_UNUSABLE, detail)
+    return EndConnection(CloseCode.MAP_UNUSABLE, ErrorCode.MAP_UNUSABLE, detail)
 
 
 def _first_error(error: ValidationError) -> str:

@@ -18,6 +18,9 @@ _DRAIN_S = 0.2
 _UNREAD_TIMEOUT_MS = 20_000
 """A peer that acknowledges nothing for so long is gone, whatever is still to be sent to it."""
 
+_SEND_BUFFER_BYTES = 128 << 10
+"""Of a connection, in the kernel: updates that wait in megabytes of it would be old when they arrive."""
+
 
 class NavigationServer(uvicorn.Server):
     """A server that tells its navigation sessions before it goes.
@@ -60,6 +63,7 @@ def listen(host: str, port: int) -> socket.socket:
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_TIMEOUT_MS)
         listener.bind(address)

@@ -25,6 +25,7 @@ class ErrorCode(StrEnum):
     MAP_UNUSABLE = "map_unusable"
     TOO_LARGE = "too_large"
     RATE_EXCEEDED = "rate_exceeded"
+    SLOW_CLIENT = "slow_client"
     IDLE_TIMEOUT = "idle_timeout"
     SUPERSEDED = "superseded"
     UNAUTHORIZED = "unauthorized"

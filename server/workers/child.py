@@ -13,12 +13,15 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from server.workers.logs import configure_logs, logs_are_json
+
 _THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",
     "NUMEXPR_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
+    "OPENCV_FOR_THREADS_NUM",
 )
 
 
@@ -37,7 +40,9 @@ def start_child(name: str, entry: str, *arguments: str | int | float) -> tuple[B
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=True)
-    process = context.Process(target=_run, args=(entry, theirs, *arguments), name=name, daemon=True)
+    process = context.Process(
+        target=_run, args=(entry, theirs, logs_are_json(), *arguments), name=name, daemon=True
+    )
     try:
         process.start()
     except BaseException:
@@ -48,14 +53,12 @@ def start_child(name: str, entry: str, *arguments: str | int | float) -> tuple[B
     return process, ours
 
 
-def _run(entry: str, connection: Connection, *arguments: str | int | float) -> None:
+def _run(entry: str, connection: Connection, log_json: bool, *arguments: str | int | float) -> None:
     # The terminal sends its interrupt to the whole group; the parent decides when children end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for variable in _THREAD_VARIABLES:
         os.environ[variable] = "1"
-    import cv2
-
-    cv2.setNumThreads(1)
+    configure_logs(as_json=log_json)
     load(entry)(connection, *arguments)
 
 

@@ -13,12 +13,21 @@ from typing import Any
 
 import structlog
 
-from server.workers.child import start_child, stop_child
-from server.workers.navigation_messages import CloseSession, OpenSession, ProcessPicture, Reply, Request
+from server.workers.child import describe_exit, start_child, stop_child
+from server.workers.navigation_messages import (
+    CloseSession,
+    OpenSession,
+    ProcessPicture,
+    Ready,
+    Reply,
+    Request,
+)
 
 log = structlog.get_logger()
 
 _request_ids = count(1)
+
+_START_TIMEOUT_S = 60.0
 
 
 class ChannelClosed(Exception):  # noqa: N818 - an event, as MailboxClosed
@@ -54,7 +63,9 @@ class NavigationChannel:
         self._loop = loop
         self._outbox: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
         self._pending: dict[int, asyncio.Future[Reply]] = {}
+        self._ready: asyncio.Future[None] = loop.create_future()
         self._ended = False
+        self._handed_over = False
         # A pipe's write blocks when the process is busy, its read always does: a thread for each.
         self._writer = threading.Thread(target=self._write, name="navigation-writer", daemon=True)
         self._reader = threading.Thread(target=self._read, name="navigation-reader", daemon=True)
@@ -65,11 +76,27 @@ class NavigationChannel:
     async def start(
         cls, on_end: Callable[[NavigationChannel], None], *arguments: str | int | float
     ) -> NavigationChannel:
-        """Start a process."""
+        """Start a process and wait until it is ready.
+
+        Raises:
+            ChannelClosed: it ended before it was; ``on_end`` is not called.
+        """
         process, connection = await asyncio.to_thread(
             start_child, "pairnavi-navigation", "server.workers.navigation_worker:main", *arguments
         )
-        return cls(process, connection, on_end, asyncio.get_running_loop())
+        channel = cls(process, connection, on_end, asyncio.get_running_loop())
+        try:
+            await asyncio.wait_for(channel._ready, _START_TIMEOUT_S)
+            if channel._ended:
+                raise ChannelClosed
+        except BaseException as error:
+            code = await asyncio.shield(channel.stop())
+            if isinstance(error, TimeoutError | ChannelClosed):
+                log.error("navigation.process_not_ready", how=describe_exit(code))
+                raise ChannelClosed from None
+            raise
+        channel._handed_over = True
+        return channel
 
     @property
     def pid(self) -> int | None:
@@ -127,8 +154,8 @@ class NavigationChannel:
     def _read(self) -> None:
         try:
             while True:
-                reply: Reply = self._connection.recv()
-                self._loop.call_soon_threadsafe(self._resolve, reply)
+                message: Reply | Ready = self._connection.recv()
+                self._loop.call_soon_threadsafe(self._resolve, message)
         except (EOFError, OSError):
             pass
         except Exception:
@@ -138,7 +165,11 @@ class NavigationChannel:
         except RuntimeError:
             return  # The loop is closed: nobody waits any more.
 
-    def _resolve(self, reply: Reply) -> None:
+    def _resolve(self, reply: Reply | Ready) -> None:
+        if isinstance(reply, Ready):
+            if not self._ready.done():
+                self._ready.set_result(None)
+            return
         future = self._pending.get(reply.request)
         if future is not None and not future.done():
             future.set_result(reply)
@@ -147,11 +178,14 @@ class NavigationChannel:
         if self._ended:
             return
         self._fail_pending()
-        self._on_end(self)
+        if self._handed_over:
+            self._on_end(self)
 
     def _fail_pending(self) -> None:
         self._ended = True
         self._outbox.put(None)
+        if not self._ready.done():
+            self._ready.set_exception(ChannelClosed())
         # Requests are answered in their order: the oldest one is what the process was busy with.
         for position, future in enumerate(self._pending.values()):
             if not future.done():

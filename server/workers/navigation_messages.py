@@ -49,6 +49,11 @@ class CloseSession:
 
 
 @dataclass(frozen=True, slots=True)
+class Ready:
+    """The process has loaded what it needs; sent once, before anything else."""
+
+
+@dataclass(frozen=True, slots=True)
 class Opened:
     """The session is there."""
 

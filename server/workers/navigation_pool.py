@@ -77,7 +77,11 @@ class NavigationPool:
         self._closing = False
 
     async def start(self) -> None:
-        """Start the processes."""
+        """Start the processes and wait until they are ready.
+
+        Raises:
+            ChannelClosed: one did not become ready; the log says why.
+        """
         await asyncio.gather(*(self._start(slot) for slot in self._slots))
 
     async def close(self) -> None:
@@ -196,8 +200,9 @@ class NavigationPool:
     async def _start(self, slot: _Slot) -> None:
         channel = await NavigationChannel.start(lambda ended: self._ended(slot, ended), *self._arguments)
         slot.started = time.monotonic()
+        # Before anything is awaited: should it die now, the slot must know it.
+        slot.channel = channel
         async with self._alive:
-            slot.channel = channel
             self._alive.notify_all()
         log.info("navigation.process_started", slot=slot.number, pid=channel.pid)
 
@@ -221,6 +226,12 @@ class NavigationPool:
         )
         short = time.monotonic() - slot.started < _SHORT_LIFE_S
         slot.short_lives = slot.short_lives + 1 if short else 0
-        if slot.short_lives > 1:
-            await asyncio.sleep(min(_LONGEST_PAUSE_S, 0.1 * 2.0**slot.short_lives))
-        await self._start(slot)
+        while True:
+            if slot.short_lives > 1:
+                await asyncio.sleep(min(_LONGEST_PAUSE_S, 0.1 * 2.0 ** min(slot.short_lives, 10)))
+            try:
+                await self._start(slot)
+            except ChannelClosed:
+                slot.short_lives += 1
+            else:
+                return

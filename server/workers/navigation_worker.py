@@ -17,6 +17,7 @@ from server.workers.navigation_messages import (
     OpenSession,
     PictureRefused,
     ProcessPicture,
+    Ready,
     Refused,
     Reply,
     Request,
@@ -36,6 +37,7 @@ def main(connection: Connection, engine: str, maps: int, max_pixels: int) -> Non
             ``maps`` and ``max_pixels``.
     """
     owner = SessionOwner(load(engine)(maps, max_pixels))
+    connection.send(Ready())
     while True:
         try:
             request: Request = connection.recv()

@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import signal
+import socket as socketlib
 from collections.abc import AsyncIterator
 from pathlib import Path
 from uuid import uuid4
@@ -192,7 +193,7 @@ async def test_a_damaged_map_is_refused(shared: Service) -> None:
     (await shared.parts.store.local_path(key)).write_bytes(b"dust")
     async with shared.connect(damaged) as socket:
         await socket.send(json.dumps(HELLO))
-        await refused(socket, "map_unusable", CloseCode.INTERNAL_ERROR)
+        await refused(socket, "map_unusable", CloseCode.MAP_UNUSABLE)
     assert len(shared.parts.navigation) == len(
         [s for s in shared.parts.navigation._sessions.values() if str(s.route_id) != damaged]
     )
@@ -363,8 +364,10 @@ async def test_a_client_that_never_reads_is_dropped(data: Path) -> None:
     chosen = service.settings(data, max_frames_per_second=100_000.0, max_messages_per_second=100_000.0)
     async with service.running(chosen) as running:
         route_id = await running.ready_route()
-        # A queue of one message: the client's library stops reading from the network.
-        async with running.connect(route_id, max_queue=1) as socket:
+        # A queue of one message: the client's library stops reading from the network, whose buffer is small.
+        small = socketlib.create_connection((chosen.host, int(running.url.rpartition(":")[2])))
+        small.setsockopt(socketlib.SOL_SOCKET, socketlib.SO_RCVBUF, 4096)
+        async with running.connect(route_id, max_queue=1, sock=small) as socket:
             await hello(socket)
 
             async def flood() -> None:

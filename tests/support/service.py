@@ -69,7 +69,7 @@ class Service:
     def connect(self, route_id: str, **options: Any) -> connect:
         """A bare socket."""
         url = self.url.replace("http", "ws", 1)
-        return connect(f"{url}/v1/routes/{route_id}/navigate", **options)
+        return connect(f"{url}/v1/routes/{route_id}/navigate", proxy=None, **options)
 
 
 async def hello(socket: ClientConnection, **changes: Any) -> Welcome:
@@ -113,7 +113,7 @@ async def running(chosen: Settings, entries: Entries = STUBS) -> AsyncIterator[S
             done, _ = await asyncio.wait({up, task}, return_when=asyncio.FIRST_COMPLETED)
             if task in done:
                 raise RuntimeError("the service did not start")
-        async with httpx.AsyncClient(base_url=up.result(), timeout=10) as http:
+        async with httpx.AsyncClient(base_url=up.result(), timeout=10, trust_env=False) as http:
             parts = server.config.app.state.components  # type: ignore[union-attr]
             yield Service(up.result(), server, parts, http)
     finally:

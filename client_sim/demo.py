@@ -1,0 +1,141 @@
+"""The whole way on one machine: a service, a leader, a follower, a picture."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from rich.console import Console
+from rich.progress import Progress
+
+from client_sim.console import follow_with_hints, lead_with_progress
+from client_sim.errors import ServiceUnreachableError
+from client_sim.follower import FollowerOptions
+from client_sim.leader import LeaderOptions
+from client_sim.outcome import FollowSummary
+from client_sim.picture import draw_tracks
+from client_sim.service import ServiceClient
+from client_sim.walk import Walk
+
+_START_TIMEOUT_S = 60.0
+_STOP_TIMEOUT_S = 15.0
+LISTENING = "listening on "
+"""What the service's first line begins with; its URL follows."""
+
+
+@dataclass(frozen=True, slots=True)
+class DemoOptions:
+    """What is shown.
+
+    Attributes:
+        leader, follower: walks; both None for a small walk rendered on the spot.
+        picture: where the picture goes.
+        record: where the updates go, one JSON object a line; None for nowhere.
+        service_log: where the service's log goes.
+        speed: of the follower's replay, 1 is true speed.
+    """
+
+    leader: Walk | None
+    follower: Walk | None
+    picture: Path
+    record: Path | None
+    service_log: Path
+    speed: float = 1.0
+
+
+async def run_demo(console: Console, options: DemoOptions) -> FollowSummary:
+    """Show it.
+
+    Raises:
+        ServiceUnreachableError: the service did not start; its log says why.
+        RouteFailedError, NavigationRefusedError, ServiceRefusedError, WalkError: as leader and follower.
+    """
+    with TemporaryDirectory(prefix="pairnavi-demo-") as temporary:
+        folder = Path(temporary)
+        if options.leader is not None and options.follower is not None:
+            leader, follower = options.leader, options.follower
+        else:
+            leader, follower = await asyncio.to_thread(_rendered_walks, console, folder / "walks")
+        console.rule("[bold]The service[/bold]")
+        async with child_service(folder / "data", options.service_log) as url:
+            console.print(f"A service with an empty data folder runs at {url}")
+            async with ServiceClient(url) as service:
+                console.rule("[bold]The leader[/bold]")
+                names = LeaderOptions(name="The demo", start_label="Start", destination_label="Destination")
+                route = await lead_with_progress(console, service, leader, names)
+                console.rule("[bold]The follower[/bold]")
+                outcome = await follow_with_hints(
+                    console, url, route.id, follower, FollowerOptions(speed=options.speed)
+                )
+                path = await service.path(route.id)
+        await asyncio.to_thread(draw_tracks, route, path, outcome, options.picture)
+        console.print(f"Both tracks are drawn in [bold]{options.picture}[/bold]")
+        if options.record is not None:
+            await asyncio.to_thread(outcome.write, options.record)
+            console.print(f"The updates are in [bold]{options.record}[/bold]")
+        return outcome.summary()
+
+
+def _rendered_walks(console: Console, folder: Path) -> tuple[Walk, Walk]:
+    from client_sim.synthetic.demo import write_demo_walks
+
+    with Progress(console=console) as progress:
+        task = progress.add_task("Rendering a small building and two walks", total=1.0)
+        leader, follower = write_demo_walks(folder, lambda done: progress.update(task, completed=done))
+    return Walk.from_folder(leader), Walk.from_folder(follower)
+
+
+@asynccontextmanager
+async def child_service(data: Path, log: Path) -> AsyncIterator[str]:
+    """A service in a process of its own, on a free loopback port; its URL.
+
+    Raises:
+        ServiceUnreachableError: it did not start.
+    """
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("wb") as errors:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "server.cli",
+            "serve",
+            "--port",
+            "0",
+            "--data",
+            str(data),
+            stdout=asyncio.subprocess.PIPE,
+            stderr=errors,
+        )
+        try:
+            yield await _url(process, log)
+        finally:
+            await _stop(process)
+
+
+async def _url(process: asyncio.subprocess.Process, log: Path) -> str:
+    assert process.stdout is not None  # noqa: S101 - it was asked for
+    try:
+        line = await asyncio.wait_for(process.stdout.readline(), _START_TIMEOUT_S)
+    except TimeoutError:
+        line = b""
+    text = line.decode().strip()
+    if not text.startswith(LISTENING):
+        raise ServiceUnreachableError(f"the service did not start; its log is {log}")
+    return text.removeprefix(LISTENING)
+
+
+async def _stop(process: asyncio.subprocess.Process) -> None:
+    if process.returncode is None:
+        process.send_signal(signal.SIGTERM)
+    try:
+        # Reads what is left of its output too, so that the pipe is closed when this returns.
+        await asyncio.wait_for(process.communicate(), _STOP_TIMEOUT_S)
+    except TimeoutError:
+        process.kill()
+        await process.communicate()
