@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -47,7 +48,7 @@ class FeatureExtractor(Protocol):
     """Finds features in rectified grey images."""
 
     scale_factor: float
-    """Ratio of neighbouring pyramid levels: a feature of octave o is located to about scale_factor**o pixels."""
+    """Ratio of neighbouring pyramid levels: octave o locates a feature to about scale_factor**o pixels."""
 
     levels: int
     """Number of pyramid levels."""
@@ -98,13 +99,13 @@ class OrbExtractor:
         keypoints = self._orb.detect(image, None)
         if not keypoints:
             return Features.empty()
-        points = cv2.KeyPoint.convert(keypoints)
+        points = _points(keypoints)
         if mask is not None:
             columns, rows = np.round(points).astype(int).T
             keypoints = [k for k, out in zip(keypoints, mask[rows, columns], strict=True) if not out]
             if not keypoints:
                 return Features.empty()
-            points = cv2.KeyPoint.convert(keypoints)
+            points = _points(keypoints)
         responses = np.array([k.response for k in keypoints])
         chosen = spread(points, responses, self.options.count, self.options.cell)
         keypoints, descriptors = self._orb.compute(image, [keypoints[i] for i in chosen])
@@ -114,9 +115,14 @@ class OrbExtractor:
         scale = self.scale_factor ** octaves.astype(np.float64)
         # OpenCV multiplies a level's integer-centre pixel by its scale; the level's pixel centres lie
         # half a LEVEL pixel in, so that is the offset that brings every octave to one convention.
-        pixels = cv2.KeyPoint.convert(keypoints).astype(np.float64) + 0.5 * scale[:, None]
+        pixels = _points(keypoints).astype(np.float64) + 0.5 * scale[:, None]
         angles = np.deg2rad(np.array([k.angle for k in keypoints], dtype=np.float32))
         return Features(pixels, descriptors, octaves, angles)
+
+
+def _points(keypoints: Sequence[cv2.KeyPoint]) -> NDArray[np.float32]:
+    """(N, 2) in OpenCV's convention: the centre of the first pixel is (0, 0)."""
+    return np.asarray(cv2.KeyPoint.convert(keypoints), dtype=np.float32)
 
 
 def spread(

@@ -41,7 +41,7 @@ def hamming(
 ) -> NDArray[np.int64]:
     """Distances between ``a[rows]`` and ``b[columns]``, (len(rows),) bits."""
     difference = _words(a)[rows] ^ _words(b)[columns]
-    return np.bitwise_count(difference).sum(axis=1, dtype=np.int64)
+    return np.asarray(np.bitwise_count(difference).sum(axis=1, dtype=np.int64))
 
 
 def best_pairs(

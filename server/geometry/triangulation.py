@@ -47,7 +47,7 @@ def triangulate(
         trace = np.trace(hessian, axis1=1, axis2=2)
         hessian += (1e-12 + 1e-9 * trace)[:, None, None] * np.eye(3)
         points = points - np.linalg.solve(hessian, gradient[:, :, None])[:, :, 0]
-    return points
+    return np.asarray(points)
 
 
 def depths(camera_from_world: SE3, points: Array) -> Array:
@@ -59,4 +59,4 @@ def parallax(centre_a: Array, centre_b: Array, points: Array) -> Array:
     """(N,) angle under which points (N, 3) see the two camera centres (3,), radians."""
     to_a, to_b = centre_a - points, centre_b - points
     cross = np.linalg.norm(np.cross(to_a, to_b), axis=1)
-    return np.arctan2(cross, np.einsum("ij,ij->i", to_a, to_b))
+    return np.asarray(np.arctan2(cross, np.einsum("ij,ij->i", to_a, to_b)))

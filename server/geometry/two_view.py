@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from server.geometry.cameras import Camera
 from server.geometry.poses import SE3, rotation_from_quaternion, skew
-from server.geometry.triangulation import depths, parallax, triangulate
+from server.geometry.triangulation import parallax, triangulate
 
 Array = NDArray[np.float64]
 

@@ -185,4 +185,4 @@ def _schur_step(
     step_camera = np.linalg.solve(reduced, right)
     back = g_point.ravel() + matrix_w.T @ step_camera
     step_point = -np.einsum("pij,pj->pi", inverse, back.reshape(points, 3))
-    return step_camera.reshape(cameras, 6), step_point
+    return np.asarray(step_camera, dtype=np.float64).reshape(cameras, 6), np.asarray(step_point)
