@@ -111,7 +111,8 @@ class StubSession:
         guidance = Guidance(
             min(1.0, self.count / 20), None, None, 12.0, Instruction.LEFT, 0.5, NextTurn(1.5, None, 3.0)
         )
-        return Update(sequence, capture_time, NavigationState.ON_ROUTE, fix, None, guidance)
+        state = NavigationState.ON_ROUTE if self.count < 20 else NavigationState.ARRIVED
+        return Update(sequence, capture_time, state, fix, None, guidance)
 
     def snapshot(self) -> Any:
         """See ``EngineSession.snapshot``."""
