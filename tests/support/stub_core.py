@@ -132,3 +132,18 @@ class StubEngine:
         if not Path(map_file).read_bytes().startswith(b"MAP"):
             raise MapRefused("not a map")
         return StubSession(0 if snapshot is None else snapshot["count"])
+
+
+class ThreadCountingEngine(StubEngine):
+    """Its sessions begin at a count of the most threads that any library would use, less one."""
+
+    def open(
+        self, map_file: str, camera: Mapping[str, Any], orientation: int, snapshot: Any | None
+    ) -> StubSession:
+        """See ``Engine.open``."""
+        import cv2
+        import faiss
+
+        names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+        counts = [cv2.getNumThreads(), faiss.omp_get_max_threads(), *(int(os.environ[n]) for n in names)]
+        return StubSession(max(counts) - 1)
