@@ -160,6 +160,7 @@ def _draw_ages(axes: Axes, outcome: FollowOutcome) -> None:
                 ha="right",
                 fontsize=9,
                 color=_INK,
+                bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
             )
     axes.set_ylim(bottom=0)
     _style(axes, "Age of updates when they arrive", "walk, s", "ms")

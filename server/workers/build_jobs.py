@@ -18,11 +18,14 @@ from uuid import UUID
 import structlog
 
 from server.queues.jobs import BuildJob, BuildLedger, BuildOrder, BuildOutcome, JobProgress
-from server.workers.child import describe_exit, start_child, stop_child
+from server.workers.child import ChildOptions, describe_exit, start_child, stop_child
 
 log = structlog.get_logger()
 
 BUILDER = "server.workers.build_process:build"
+
+_BUILD_CHILD = ChildOptions(threads=0, niceness=10)
+"""A build may take all cores that nobody else wants: followers come first."""
 
 _RECORD_EVERY_S = 2.0
 """Progress is written to the database at most so often, besides changes of stage."""
@@ -143,7 +146,7 @@ class ProcessJobQueue:
 
     async def _outcome(self, order: BuildOrder, entry: _Running) -> BuildOutcome:
         process, connection = await asyncio.to_thread(
-            start_child, "pairnavi-build", "server.workers.build_process:main", self._builder
+            start_child, "pairnavi-build", _BUILD_CHILD, "server.workers.build_process:main", self._builder
         )
         entry.process = process
         loop = asyncio.get_running_loop()

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
 
 from server.geometry.cameras import Camera
 from server.mapping.outcome import BuildProgress, BuildReport, BuildResult
-from server.mapping.route_map import RouteMap, Scale, ScaleSource
+from server.mapping.route_map import RouteMap
 from server.queues.jobs import BuildOrder, BuildOutcome, JobProgress
 
 Builder = Callable[[BuildOrder, Callable[[JobProgress], None]], BuildOutcome]
@@ -33,7 +32,7 @@ def main(connection: Connection, builder: str) -> None:
 
 def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> BuildOutcome:
     """Build the route map of an order and leave its files in the order's folder."""
-    from server.mapping.build import build_route_map
+    from server.mapping.build import BuildOptions, build_route_map
     from server.mapping.codec import save_route_map
 
     def report_progress(progress: BuildProgress) -> None:
@@ -41,12 +40,15 @@ def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> Buil
 
     begun = time.monotonic()
     result: BuildResult = build_route_map(
-        order.video, Camera.from_json(order.camera), on_progress=report_progress
+        order.video,
+        Camera.from_json(order.camera),
+        BuildOptions(measured_length=order.measured_length_m),
+        report_progress,
     )
     report = report_document(result.report, time.monotonic() - begun)
     if result.route_map is None:
         return BuildOutcome(str(result.status), result.detail, report=report)
-    route_map = scaled_by_measurement(result.route_map, order.measured_length_m)
+    route_map = result.route_map
     map_file, path_file = order.folder / "map", order.folder / "path.json"
     save_route_map(route_map, map_file)
     path_file.write_text(json.dumps(path_document(route_map)), encoding="utf-8")
@@ -58,14 +60,6 @@ def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> Buil
         report=report,
         map_summary=summary_document(route_map),
     )
-
-
-def scaled_by_measurement(route_map: RouteMap, measured_length_m: float | None) -> RouteMap:
-    """The map with its scale fixed by the measured length of the whole path, in metres."""
-    length = float(route_map.path.arc_length[-1])
-    if measured_length_m is None or length <= 0:
-        return route_map
-    return replace(route_map, scale=Scale(measured_length_m / length, ScaleSource.MEASURED_LENGTH))
 
 
 def report_document(report: BuildReport, build_seconds: float) -> dict[str, Any]:

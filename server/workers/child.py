@@ -1,4 +1,4 @@
-"""Starting child processes: one thread in every library, no signals of the terminal.
+"""Starting child processes: threads limited, priority set, no signals of the terminal.
 
 Nothing heavy is imported here: thread pools read the environment when their library is loaded.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -31,7 +32,22 @@ def load(path: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def start_child(name: str, entry: str, *arguments: str | int | float) -> tuple[BaseProcess, Connection]:
+@dataclass(frozen=True, slots=True)
+class ChildOptions:
+    """How a child shares the machine.
+
+    Attributes:
+        threads: of every library's pool; 0 leaves them to the library, which takes all cores.
+        niceness: by how much its priority is lowered, 0 to 19.
+    """
+
+    threads: int = 1
+    niceness: int = 0
+
+
+def start_child(
+    name: str, options: ChildOptions, entry: str, *arguments: str | int | float
+) -> tuple[BaseProcess, Connection]:
     """Start a process that calls ``entry(connection, *arguments)``; returns it and the other end.
 
     Args:
@@ -41,7 +57,7 @@ def start_child(name: str, entry: str, *arguments: str | int | float) -> tuple[B
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=True)
     process = context.Process(
-        target=_run, args=(entry, theirs, logs_are_json(), *arguments), name=name, daemon=True
+        target=_run, args=(options, entry, theirs, logs_are_json(), *arguments), name=name, daemon=True
     )
     try:
         process.start()
@@ -53,11 +69,16 @@ def start_child(name: str, entry: str, *arguments: str | int | float) -> tuple[B
     return process, ours
 
 
-def _run(entry: str, connection: Connection, log_json: bool, *arguments: str | int | float) -> None:
+def _run(
+    options: ChildOptions, entry: str, connection: Connection, log_json: bool, *arguments: str | int | float
+) -> None:
     # The terminal sends its interrupt to the whole group; the parent decides when children end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for variable in _THREAD_VARIABLES:
-        os.environ[variable] = "1"
+    if options.niceness:
+        os.nice(options.niceness)
+    if options.threads:
+        for variable in _THREAD_VARIABLES:
+            os.environ[variable] = str(options.threads)
     configure_logs(as_json=log_json)
     load(entry)(connection, *arguments)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import structlog
 
-from server.workers.child import describe_exit, start_child, stop_child
+from server.workers.child import ChildOptions, describe_exit, start_child, stop_child
 from server.workers.navigation_messages import (
     CloseSession,
     OpenSession,
@@ -82,7 +82,11 @@ class NavigationChannel:
             ChannelClosed: it ended before it was; ``on_end`` is not called.
         """
         process, connection = await asyncio.to_thread(
-            start_child, "pairnavi-navigation", "server.workers.navigation_worker:main", *arguments
+            start_child,
+            "pairnavi-navigation",
+            ChildOptions(threads=1),
+            "server.workers.navigation_worker:main",
+            *arguments,
         )
         channel = cls(process, connection, on_end, asyncio.get_running_loop())
         try:
