@@ -104,7 +104,7 @@ class Observations:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Path:
+class RoutePath:
     """The leader's walk, one entry a video frame at 10 fps.
 
     Attributes:
@@ -153,7 +153,7 @@ class RouteMap:
     keyframes: Keyframes
     landmarks: Landmarks
     observations: Observations
-    path: Path
+    path: RoutePath
     turns: tuple[Turn, ...]
     scale: Scale
 

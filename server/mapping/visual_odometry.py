@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from server.features.matching import match_predicted
 from server.features.tracking import TrackedFeatures
 from server.geometry.absolute_pose import (
-    CHI2_2DOF_95,
     PoseEstimate,
     PosePrior,
     ransac_pose,
@@ -28,7 +27,7 @@ from server.geometry.absolute_pose import (
 )
 from server.geometry.cameras import Camera
 from server.geometry.poses import SE3
-from server.geometry.triangulation import parallax, triangulate
+from server.geometry.triangulation import triangulate
 from server.geometry.two_view import TwoViewOptions, relative_pose
 from server.mapping.working_map import NO_LANDMARK, Keyframe, WorkingMap
 
@@ -72,6 +71,7 @@ class OdometryOptions:
     triangulate_with: int = 10
     min_baseline: float = 0.01
     far_depth: float = 20.0
+    new_landmark_gate: float = 25.0
     prior_rotation: float = float(np.deg2rad(3.0))
     prior_translation: float = 0.5
 
@@ -434,7 +434,7 @@ class VisualOdometry:
         error = np.full(len(points), np.inf)
         offset = self.camera.project(local[front]) - keyframe.features.pixels[feature[front]]
         error[front] = ((offset / keyframe.sigma[feature[front], None]) ** 2).sum(axis=1)
-        return error < CHI2_2DOF_95
+        return error < self.options.new_landmark_gate
 
     def _clamped(self, points: Array, keyframe: Keyframe, pixels: Array, depth: float) -> Array:
         """Points behind the camera or too far away, put on their ray at the farthest depth.

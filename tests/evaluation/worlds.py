@@ -14,8 +14,7 @@ from server.evaluation.walk import Trajectory, Walk
 from server.geometry.cameras import Camera
 from server.geometry.poses import SE3, Sim3, quaternion_from_rotation
 from server.mapping.outcome import BuildReport, BuildStatus
-from server.mapping.route_map import Keyframes, Landmarks, Observations, RouteMap, Scale
-from server.mapping.route_map import Path as RoutePath
+from server.mapping.route_map import Keyframes, Landmarks, Observations, RouteMap, RoutePath, Scale
 from server.navigation.updates import (
     Fix,
     Guidance,

@@ -1,0 +1,228 @@
+"""From a leader's video to a route map: the stages in order, with progress and reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from server.features.extraction import OrbExtractor, OrbOptions
+from server.features.tracking import FeatureTracker, TrackerOptions
+from server.geometry.cameras import Camera, Rectifier
+from server.geometry.poses import SE3
+from server.mapping.assembly import WalkFrame, assemble, locate_frames
+from server.mapping.global_refinement import RefinementOptions, refine_globally
+from server.mapping.outcome import (
+    BuildProgress,
+    BuildReport,
+    BuildResult,
+    BuildStage,
+    BuildStatus,
+    ProgressListener,
+)
+from server.mapping.video import FRAME_RATE, UnreadableVideoError, VideoFrame, probe, read_frames
+from server.mapping.visual_odometry import OdometryOptions, VisualOdometry
+from server.mapping.working_map import WorkingMap
+
+
+@dataclass(frozen=True, slots=True)
+class BuildOptions:
+    """Settings of a build.
+
+    Attributes:
+        min_frames: frames (10 a second) a walk needs; max_seconds: the longest video taken.
+        min_tracked: share of the frames that must be tracked for a map to be worth having.
+        measured_length: length of the walk in metres, if somebody measured it: fixes the scale.
+    """
+
+    extraction: OrbOptions = field(default_factory=OrbOptions)
+    tracker: TrackerOptions = field(default_factory=TrackerOptions)
+    odometry: OdometryOptions = field(default_factory=OdometryOptions)
+    refinement: RefinementOptions = field(default_factory=RefinementOptions)
+    min_frames: int = 20
+    max_seconds: float = 1800.0
+    min_tracked: float = 0.7
+    measured_length: float | None = None
+
+
+class _Progress:
+    """Weighs the stages so that the bar moves evenly."""
+
+    _SPANS = {
+        BuildStage.DECODING: (0.0, 0.01),
+        BuildStage.TRACKING: (0.01, 0.75),
+        BuildStage.CLOSING: (0.75, 0.8),
+        BuildStage.REFINING: (0.8, 0.92),
+        BuildStage.FINISHING: (0.92, 1.0),
+    }
+
+    def __init__(self, listener: ProgressListener | None) -> None:
+        self._listener = listener
+
+    def __call__(self, stage: BuildStage, done: float) -> None:
+        if self._listener is not None:
+            low, high = self._SPANS[stage]
+            self._listener(BuildProgress(stage, low + (high - low) * min(max(done, 0.0), 1.0)))
+
+
+def build_route_map(
+    video: Path,
+    camera: Camera,
+    options: BuildOptions | None = None,
+    on_progress: ProgressListener | None = None,
+) -> BuildResult:
+    """Build the route map of a walk.
+
+    Args:
+        camera: of the upright picture, or of the picture as stored where the video carries a rotation.
+        on_progress: called now and then from this thread.
+
+    Returns:
+        A map, or the reason why there is none.
+    """
+    options = options or BuildOptions()
+    progress = _Progress(on_progress)
+    progress(BuildStage.DECODING, 0.0)
+    try:
+        properties = probe(video)
+        if properties.seconds > options.max_seconds:
+            return _failed(
+                BuildStatus.TOO_LONG,
+                f"the video lasts {properties.seconds:.0f} s; at most {options.max_seconds:.0f} s are taken",
+            )
+        upright = _upright(camera, properties.width, properties.height, properties.quarter_turns)
+        if upright is None:
+            return _failed(
+                BuildStatus.CAMERA_MISMATCH,
+                f"the camera is described for {camera.width}x{camera.height} pixels, "
+                f"the video has {properties.width}x{properties.height}",
+            )
+        rectifier = Rectifier(upright)
+        expected = max(1.0, properties.seconds * FRAME_RATE)
+        walk = _Walk(rectifier.target, options)
+        for count, frame in enumerate(_rectified(video, rectifier)):
+            walk.take(frame)
+            if frame.time > options.max_seconds:
+                return _failed(BuildStatus.TOO_LONG, f"the video lasts over {options.max_seconds:.0f} s")
+            progress(BuildStage.TRACKING, count / expected)
+    except UnreadableVideoError as error:
+        return _failed(BuildStatus.NOT_A_VIDEO, str(error))
+    return walk.finish(progress)
+
+
+def _failed(status: BuildStatus, detail: str, report: BuildReport | None = None) -> BuildResult:
+    return BuildResult(status, None, report or BuildReport(), detail)
+
+
+def _upright(camera: Camera, width: int, height: int, quarter_turns: int) -> Camera | None:
+    """The camera of the upright picture, None if it does not fit the video."""
+    if (camera.width, camera.height) == (width, height):
+        return camera
+    turned = camera.rotated(quarter_turns)
+    if quarter_turns and (turned.width, turned.height) == (width, height):
+        return turned
+    for candidate in (camera, turned):
+        if abs(candidate.width / candidate.height - width / height) < 0.01:
+            return candidate.scaled(width, height)
+    return None
+
+
+def _rectified(video: Path, rectifier: Rectifier) -> Iterator[VideoFrame]:
+    for frame in read_frames(video):
+        yield VideoFrame(frame.index, frame.time, rectifier(frame.image))
+
+
+class _Walk:
+    """The state of one build while its frames come in."""
+
+    def __init__(self, camera: Camera, options: BuildOptions) -> None:
+        self.options = options
+        self.extractor = OrbExtractor(options.extraction)
+        self.tracker = FeatureTracker(self.extractor, options.tracker)
+        self.odometry = VisualOdometry(camera, self.extractor.scale_factor, options.odometry)
+        self.frames: list[WalkFrame] = []
+
+    def take(self, frame: VideoFrame) -> None:
+        predicted = None
+        if self.frames:
+            predicted = self.odometry.predict_pixels(self.frames[-1].features)
+        features = self.tracker.follow(frame.image, predicted)
+        self.frames.append(WalkFrame(frame.time, features))
+        self.odometry.process(len(self.frames) - 1, features)
+
+    def finish(self, progress: _Progress) -> BuildResult:
+        options = self.options
+        report = BuildReport(frames=len(self.frames), video_seconds=self.frames[-1].time + 1.0 / FRAME_RATE)
+        if len(self.frames) < options.min_frames:
+            return _failed(
+                BuildStatus.TOO_SHORT,
+                f"the video has {len(self.frames)} usable frames; a walk needs at least {options.min_frames}",
+                report,
+            )
+        working = self.odometry.map
+        if not self.odometry.started:
+            return self._no_start(report)
+        progress(BuildStage.REFINING, 0.0)
+        refine_globally(working, options.refinement)
+        progress(BuildStage.FINISHING, 0.0)
+        located = locate_frames(
+            working,
+            self.frames,
+            sigma=options.odometry.track_sigma,
+            min_inliers=options.odometry.min_inliers,
+        )
+        report = self._report(report, working, located)
+        if report.tracked_frames < options.min_tracked * report.frames:
+            return _failed(BuildStatus.TRACKING_LOST, _where_lost(report), report)
+        progress(BuildStage.FINISHING, 0.7)
+        route_map = assemble(
+            working,
+            self.frames,
+            located,
+            levels=self.extractor.levels,
+            measured_length=options.measured_length,
+        )
+        progress(BuildStage.FINISHING, 1.0)
+        return BuildResult(BuildStatus.READY, route_map, report)
+
+    def _no_start(self, report: BuildReport) -> BuildResult:
+        """Why the odometry never found two views to start from."""
+        counts = np.array([len(f.features) for f in self.frames])
+        if np.median(counts) < self.options.odometry.two_view.min_points:
+            return _failed(
+                BuildStatus.NO_TEXTURE,
+                "the pictures show too little to go by: blank walls, darkness or a covered lens",
+                report,
+            )
+        ages = np.array([float(np.median(f.features.age)) if len(f.features) else 0.0 for f in self.frames])
+        if ages.max() > 0.5 * len(self.frames):
+            return _failed(BuildStatus.NO_MOTION, "the camera hardly moved: walk the whole way", report)
+        return _failed(BuildStatus.TRACKING_LOST, "the motion of the camera could not be followed", report)
+
+    def _report(self, report: BuildReport, working: WorkingMap, located: list[SE3 | None]) -> BuildReport:
+        tracked = np.array([pose is not None for pose in located])
+        times = np.array([frame.time for frame in self.frames])
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], ~tracked, [False]]).astype(int)))
+        lost = tuple(
+            (float(times[begin]), float(times[end - 1]))
+            for begin, end in zip(edges[::2], edges[1::2], strict=True)
+        )
+        return BuildReport(
+            frames=report.frames,
+            tracked_frames=int(tracked.sum()),
+            keyframes=len(working.keyframes),
+            landmarks=int(working.alive.sum()),
+            video_seconds=report.video_seconds,
+            lost=lost,
+        )
+
+
+def _where_lost(report: BuildReport) -> str:
+    longest = sorted(report.lost, key=lambda span: span[0] - span[1])[:3]
+    spans = ", ".join(f"{begin:.1f}-{end:.1f} s" for begin, end in sorted(longest))
+    return (
+        f"only {report.tracked_frames} of {report.frames} frames could be followed; lost at {spans}: "
+        "walk more slowly there, and keep something with detail in view"
+    )

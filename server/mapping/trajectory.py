@@ -1,0 +1,108 @@
+"""The leader's path: upright, in a sensible unit, with its length and its turns."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from server.geometry.poses import SE3, Sim3
+from server.mapping.route_map import Turn
+
+Array = NDArray[np.float64]
+
+
+def upright(rotations: Array) -> Array:
+    """Up (3,), unit, of a world in which a phone was carried with the given orientations.
+
+    A phone held upright keeps its x axis level, however it is tilted forwards or back; where the
+    walk has no turns that tell, the mean up of the images decides.
+
+    Args:
+        rotations: (F, 3, 3) world_from_camera.
+    """
+    right, up = rotations[:, :, 0], -rotations[:, :, 1]
+    mean_up = up.mean(axis=0)
+    mean_up /= max(float(np.linalg.norm(mean_up)), 1e-9)
+    level = np.einsum("fi,fj->ij", right, right) / len(right)
+    tilt = 0.05 * (np.eye(3) - np.outer(mean_up, mean_up))
+    vector = np.linalg.eigh(level + tilt)[1][:, 0]
+    return np.asarray(vector * np.sign(vector @ mean_up))
+
+
+def route_frame(poses: list[SE3], times: Array) -> Sim3:
+    """``route_from_map``: z up, x the first heading, origin at the start, unit: the leader's mean second.
+
+    The unit is the length the leader walked in a second on average, so thresholds in it hold for
+    every map although no metre is known.
+
+    Args:
+        poses: world_from_camera of the frames; times: (F,) seconds.
+    """
+    rotations = np.stack([p.rotation for p in poses])
+    positions = np.stack([p.translation for p in poses])
+    up = upright(rotations)
+    forward = rotations[0][:, 2] - (rotations[0][:, 2] @ up) * up
+    if np.linalg.norm(forward) < 1e-3:
+        forward = rotations[0][:, 0] - (rotations[0][:, 0] @ up) * up
+    forward /= np.linalg.norm(forward)
+    rotation = np.stack([forward, np.cross(up, forward), up])
+    length = walked(positions, times)[-1]
+    duration = max(float(times[-1] - times[0]), 1e-3)
+    scale = duration / length if length > 1e-12 else 1.0
+    return Sim3(scale, rotation, -scale * rotation @ positions[0])
+
+
+def walked(positions: Array, times: Array) -> Array:
+    """(F,) length of the path without the bobbing of the steps, units of the positions (F, 3)."""
+    smooth = smoothed(positions, times)
+    steps = np.linalg.norm(np.diff(smooth, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def smoothed(positions: Array, times: Array, seconds: float = 0.4) -> Array:
+    """Positions (F, 3) low-passed over ``seconds`` (one standard deviation); steps are about 2 Hz."""
+    if len(positions) < 3:
+        return positions
+    period = float(np.median(np.diff(times)))
+    return np.asarray(gaussian_filter1d(positions, seconds / max(period, 1e-3), axis=0, mode="nearest"))
+
+
+def find_turns(
+    positions: Array,
+    arc_length: Array,
+    *,
+    step: float = 0.2,
+    reach: float = 0.8,
+    min_rate: float = float(np.deg2rad(15.0)),
+    min_angle: float = float(np.deg2rad(35.0)),
+) -> tuple[Turn, ...]:
+    """Turns of a path of smoothed positions (F, 3), z up.
+
+    Args:
+        arc_length: (F,) not decreasing.
+        step: spacing at which the path is looked at; reach: length over which a heading is taken.
+        min_rate: heading change per unit of length that belongs to a turn, radians.
+        min_angle: whole change from which it is one, radians.
+    """
+    total = float(arc_length[-1])
+    if total < 2 * reach:
+        return ()
+    at = np.arange(0.0, total, step)
+    keep = np.concatenate([[True], np.diff(arc_length) > 1e-9])
+    x = np.interp(at, arc_length[keep], positions[keep, 0])
+    y = np.interp(at, arc_length[keep], positions[keep, 1])
+    width = max(1, round(reach / step / 2))
+    ahead = np.minimum(np.arange(len(at)) + width, len(at) - 1)
+    behind = np.maximum(np.arange(len(at)) - width, 0)
+    heading = np.unwrap(np.arctan2(y[ahead] - y[behind], x[ahead] - x[behind]))
+    rate = np.gradient(heading, step)
+    turns: list[Turn] = []
+    for sign in (1.0, -1.0):
+        inside = sign * rate > min_rate
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
+        for begin, end in zip(edges[::2], edges[1::2], strict=True):
+            angle = float(heading[end - 1] - heading[begin])
+            if abs(angle) >= min_angle:
+                turns.append(Turn(float(at[begin]), float(at[end - 1]), angle))
+    return tuple(sorted(turns, key=lambda t: t.start))
