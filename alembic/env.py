@@ -28,7 +28,7 @@ async def run_on_settings() -> None:
     from server.storage.database import create_engine
 
     settings = Settings()
-    settings.data.mkdir(parents=True, exist_ok=True)
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
     engine = create_engine(settings.resolved_database_url)
     try:
         async with engine.begin() as connection:

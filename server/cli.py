@@ -43,7 +43,7 @@ def serve(
     from server.settings import Settings
     from server.workers.logs import configure_logs
 
-    given: dict[str, Any] = {"host": host, "port": port, "data": data}
+    given: dict[str, Any] = {"host": host, "port": port, "data_dir": data}
     try:
         settings = Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:

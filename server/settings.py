@@ -17,8 +17,8 @@ class Settings(BaseSettings):
 
     Attributes:
         host, port: loopback by default; port 0 takes a free one.
-        data: folder of the database file and the object store.
-        database_url: SQLAlchemy URL with an async driver; by default SQLite in ``data``.
+        data_dir: folder of the database file and the object store.
+        database_url: SQLAlchemy URL with an async driver; by default SQLite in ``data_dir``.
         max_video_bytes: of one upload.
         build_processes: builds that run at once.
         build_timeout_s: after which a build is given up.
@@ -41,7 +41,7 @@ class Settings(BaseSettings):
 
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65535)
-    data: Path = Path("var")
+    data_dir: Path = Path("var")
     database_url: str | None = None
 
     max_video_bytes: int = Field(default=4 << 30, gt=0)
@@ -70,4 +70,4 @@ class Settings(BaseSettings):
         """The database's URL, the default filled in."""
         if self.database_url is not None:
             return self.database_url
-        return f"sqlite+aiosqlite:///{self.data.resolve() / 'pairnavi.db'}"
+        return f"sqlite+aiosqlite:///{self.data_dir.resolve() / 'pairnavi.db'}"

@@ -64,13 +64,13 @@ class Components:
 
 def assemble(settings: Settings, entries: Entries) -> Components:
     """Wire the parts together; nothing runs yet but the folders are made."""
-    settings.data.mkdir(parents=True, exist_ok=True)
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
 
     def clock() -> datetime:
         return datetime.now(UTC)
 
     database = Database(settings.resolved_database_url)
-    store = FolderObjectStore(settings.data / "store")
+    store = FolderObjectStore(settings.data_dir / "store")
     builds = BuildService(database, store, clock, settings.max_build_attempts)
     jobs = ProcessJobQueue(builds, settings.build_processes, settings.build_timeout_s, entries.builder)
     pool = NavigationPool(

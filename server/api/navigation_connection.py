@@ -148,7 +148,13 @@ class NavigationConnection:
         session, resumed = await self._session(owner, route, hello, attachment)
         try:
             session.clock.observe(hello.clock_us, _now_us())
-            await self._welcome(session, route, resumed)
+            try:
+                await self._welcome(session, route, resumed)
+            except (ConnectionGone, EndConnection):
+                if not resumed:
+                    # Nobody knows its token: it would wait in vain.
+                    self._navigation.end(session)
+                raise
             await self._navigate(session)
         finally:
             self._mailbox.close()

@@ -186,7 +186,7 @@ async def test_an_upload_that_breaks_off_leaves_nothing(shared: Service) -> None
     await asyncio.sleep(0.3)
     assert await shared.parts.store.keys(f"routes/{route_id}") == []
     assert (await shared.http.get(f"/v1/routes/{route_id}")).json()["video_bytes"] is None
-    assert list((shared.parts.settings.data / "store" / "unfinished").iterdir()) == []
+    assert list((shared.parts.settings.data_dir / "store" / "unfinished").iterdir()) == []
 
 
 async def test_health_and_description(shared: Service) -> None:

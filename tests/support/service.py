@@ -28,7 +28,7 @@ NEW_ROUTE = {"name": "To the lab", "start_label": "Door", "destination_label": "
 
 def settings(data: Path, **changes: Any) -> Settings:
     """Settings with quick time limits."""
-    values: dict[str, Any] = {"data": data, "port": 0, "max_video_bytes": 100_000, "send_timeout_s": 0.5}
+    values: dict[str, Any] = {"data_dir": data, "port": 0, "max_video_bytes": 100_000, "send_timeout_s": 0.5}
     return Settings(**{**values, **changes})
 
 
