@@ -51,6 +51,7 @@ class Fix:
         inliers: 2D-3D correspondences that agree with the pose.
         matches: correspondences that were tried.
         keyframe: index of the nearest keyframe.
+        strong: the picture alone was enough; False where the expected pose had to speak for it too.
     """
 
     world_from_camera: SE3
@@ -58,6 +59,7 @@ class Fix:
     inliers: int
     matches: int
     keyframe: int
+    strong: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,148 @@
+"""Guidance along a route: where the follower is on it, and what to do next."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.geometry.poses import SE3, rotation_from_quaternion
+from server.mapping.route_map import RouteMap
+from server.mapping.trajectory import smoothed
+from server.navigation.updates import Guidance, Instruction, NextTurn
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class GuidanceOptions:
+    """Settings of :class:`Guide`. Lengths are in map units: what the leader walked in a second.
+
+    Attributes:
+        waypoints: whose average is the temporary destination; spacing: their distance on the route.
+        straight: bearing up to which the instruction is straight, radians; around: from which it is to
+            turn around.
+        arrival: length of route left at which the follower has arrived.
+        reach: how far progress may move at once, besides pace: units a second since the last fix.
+        jump_after: fixes in a row that must agree before progress jumps further than that.
+    """
+
+    waypoints: int = 10
+    spacing: float = 0.3
+    straight: float = math.radians(20.0)
+    around: float = math.radians(130.0)
+    arrival: float = 1.0
+    reach: float = 2.0
+    pace: float = 3.0
+    jump_after: int = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Where a follower is on the route.
+
+    Attributes:
+        length: arc length from the start, map units.
+        time: of the fix it rests on, seconds.
+        jumps: fixes in a row that spoke for a place out of reach.
+    """
+
+    length: float
+    time: float
+    jumps: int = 0
+
+
+class Guide:
+    """Guides along one route; holds no state of a session."""
+
+    def __init__(self, route_map: RouteMap, options: GuidanceOptions | None = None) -> None:
+        self.options = options or GuidanceOptions()
+        path = route_map.path
+        self._scale = route_map.scale
+        self._turns = route_map.turns
+        self._time = np.asarray(path.time)
+        self._arc = np.asarray(path.arc_length)
+        self._position = smoothed(np.asarray(path.position), self._time)
+        self._forward = rotation_from_quaternion(path.quaternion)[:, :, 2]
+
+    @property
+    def length(self) -> float:
+        """Length of the route, map units."""
+        return float(self._arc[-1])
+
+    def locate(self, world_from_camera: SE3, time: float, before: Progress | None) -> Progress:
+        """Progress of a follower with a pose, in the light of where they were before.
+
+        A route may cross itself or end where it starts. Near the last progress is preferred; a place
+        out of reach is believed only when several fixes in a row speak for it.
+        """
+        options = self.options
+        offset = self._position - world_from_camera.translation
+        facing = self._forward @ world_from_camera.rotation[:, 2]
+        cost = np.linalg.norm(offset, axis=1) + 0.5 * (1.0 - facing)
+        best = int(np.argmin(cost))
+        if before is None:
+            return Progress(float(self._arc[best]), time)
+        reach = options.reach + options.pace * max(0.0, time - before.time)
+        near = np.flatnonzero(np.abs(self._arc - before.length) <= reach)
+        here = int(near[np.argmin(cost[near])]) if len(near) else best
+        if cost[here] <= 1.5 * cost[best] + 0.5:
+            return Progress(float(self._arc[here]), time)
+        if before.jumps + 1 >= options.jump_after:
+            return Progress(float(self._arc[best]), time)
+        return Progress(before.length, before.time, before.jumps + 1)
+
+    def arrived(self, progress: Progress) -> bool:
+        """Whether the route is walked to its end."""
+        return self.length - progress.length <= self.options.arrival
+
+    def guide(self, world_from_camera: SE3, progress: Progress) -> Guidance:
+        """What to do at a pose (Pair-Navi, section IV-A: the average of the next poses is the aim)."""
+        options = self.options
+        remaining = max(0.0, self.length - progress.length)
+        bearing = self._bearing(world_from_camera, progress.length)
+        if self.arrived(progress):
+            instruction = Instruction.ARRIVED
+        elif abs(bearing) <= options.straight:
+            instruction = Instruction.STRAIGHT
+        elif abs(bearing) >= options.around:
+            instruction = Instruction.TURN_AROUND
+        else:
+            instruction = Instruction.LEFT if bearing > 0 else Instruction.RIGHT
+        now = self._leader_time(progress.length)
+        return Guidance(
+            progress=progress.length / self.length if self.length > 0 else 1.0,
+            walked_m=self._scale.metres(progress.length),
+            remaining_m=self._scale.metres(remaining),
+            remaining_seconds=max(0.0, float(self._time[-1]) - now),
+            instruction=instruction,
+            bearing=bearing,
+            next_turn=self._next_turn(progress.length, now),
+        )
+
+    def _leader_time(self, length: float) -> float:
+        return float(np.interp(length, self._arc, self._time))
+
+    def _at(self, lengths: Array) -> Array:
+        return np.stack([np.interp(lengths, self._arc, self._position[:, i]) for i in range(3)], axis=1)
+
+    def _bearing(self, world_from_camera: SE3, length: float) -> float:
+        """Angle from the view to the temporary destination about the vertical, positive to the left."""
+        options = self.options
+        ahead = length + options.spacing * np.arange(1, options.waypoints + 1)
+        aim = self._at(np.minimum(ahead, self.length)).mean(axis=0) - world_from_camera.translation
+        view = world_from_camera.rotation[:, 2]
+        if np.hypot(view[0], view[1]) < 0.1:
+            # The phone looks at the floor or the ceiling: its upper edge shows where it points.
+            view = -world_from_camera.rotation[:, 1] * np.sign(-view[2])
+        return float(np.arctan2(view[0] * aim[1] - view[1] * aim[0], view[0] * aim[0] + view[1] * aim[1]))
+
+    def _next_turn(self, length: float, now: float) -> NextTurn | None:
+        for turn in self._turns:
+            if turn.start >= length or turn.end - length > 0.5 * (turn.end - turn.start):
+                distance = max(0.0, turn.start - length)
+                seconds = max(0.0, self._leader_time(turn.start) - now)
+                return NextTurn(turn.angle, self._scale.metres(distance), seconds)
+        return None

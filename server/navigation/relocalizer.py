@@ -1,0 +1,293 @@
+"""Relocalization: the pose of one picture in a route map, or a refusal.
+
+Pair-Navi, section III-A: retrieve the most similar keyframes, match, PnP; then guided matching around
+the pose and refinement. A pose is given only on evidence that chance and look-alikes do not produce.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.features.extraction import Features
+from server.features.matching import match_descriptors, match_predicted
+from server.features.retrieval import PlaceIndex, RetrievalOptions
+from server.geometry.absolute_pose import PoseEstimate, ransac_pose, refine_pose
+from server.geometry.cameras import Camera
+from server.geometry.poses import SE3
+from server.mapping.route_map import RouteMap
+from server.navigation.updates import Fix, Refusal, RefusalReason
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceNeeded:
+    """What a pose must rest on to be given.
+
+    Attributes:
+        inliers: matches that agree with it.
+        cells: of 8 x 6 image cells, how many must hold one: a single poster is no place.
+        sigma: greatest standard deviation of the camera centre over the median depth.
+    """
+
+    inliers: int
+    cells: int
+    sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class RelocalizerOptions:
+    """Settings of :class:`Relocalizer`.
+
+    Attributes:
+        candidates: keyframes tried when there is no prior.
+        reach: keyframes on either side of a candidate whose landmarks are matched.
+        max_distance, ratio: of a match without prediction, bits and Lowe's ratio.
+        guided_distance, guided_ratio, guided_radius: of a match near its predicted pixel.
+        max_error: RANSAC's inlier threshold, pixels.
+        min_features: features below which a picture shows too little.
+        alone: evidence a picture needs by itself; expected: and where an expected pose agrees with it.
+        speed, turn_rate: how fast a follower moves, map units and radians a second; slack_length,
+            slack_angle: allowed besides.
+    """
+
+    retrieval: RetrievalOptions = field(default_factory=RetrievalOptions)
+    candidates: int = 4
+    reach: int = 6
+    max_distance: int = 60
+    ratio: float = 0.88
+    guided_distance: int = 64
+    guided_ratio: float = 0.92
+    guided_radius: float = 7.0
+    max_error: float = 5.0
+    min_features: int = 30
+    alone: EvidenceNeeded = field(default_factory=lambda: EvidenceNeeded(40, 10, 0.012))
+    expected: EvidenceNeeded = field(default_factory=lambda: EvidenceNeeded(18, 7, 0.025))
+    speed: float = 3.0
+    turn_rate: float = math.radians(150.0)
+    slack_length: float = 0.6
+    slack_angle: float = math.radians(12.0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Evidence:
+    """What speaks for a pose.
+
+    Attributes:
+        inliers: matches that agree; matches: matches near their prediction.
+        visible: landmarks that should be in the picture.
+        cells: of 8 x 6 image cells, how many hold an inlier.
+        sigma: standard deviation of the camera centre over the median depth of the inliers.
+        depth: that depth, map units.
+    """
+
+    estimate: PoseEstimate
+    inliers: int
+    matches: int
+    visible: int
+    cells: int
+    sigma: float
+    depth: float
+    keyframe: int
+
+
+class Relocalizer:
+    """Finds pictures in one route map; holds no state of a session."""
+
+    def __init__(
+        self,
+        route_map: RouteMap,
+        scale_factor: float,
+        levels: int,
+        options: RelocalizerOptions | None = None,
+    ) -> None:
+        self.route_map = route_map
+        self.scale_factor = scale_factor
+        self.levels = levels
+        self.options = options or RelocalizerOptions()
+        observations = route_map.observations
+        self._places = PlaceIndex(
+            np.asarray(route_map.landmarks.descriptor),
+            np.asarray(observations.offsets),
+            np.asarray(observations.landmark),
+            self.options.retrieval,
+        )
+        self._forward = route_map.keyframe_rotations[:, :, 2]
+        self._position = np.asarray(route_map.landmarks.position)
+        self._descriptor = np.asarray(route_map.landmarks.descriptor)
+
+    def locate(
+        self,
+        features: Features,
+        camera: Camera,
+        prior: SE3 | None = None,
+        *,
+        elapsed: float = 0.0,
+        trusted: bool = False,
+    ) -> Fix | Refusal:
+        """The pose of a picture with the given features of a rectified (pinhole) camera.
+
+        Args:
+            prior: world_from_camera of a recent fix: where to look first.
+            elapsed: seconds since that fix.
+            trusted: whether that fix may speak for a pose that the picture alone does not prove.
+        """
+        options = self.options
+        if len(features) < options.min_features:
+            return Refusal(RefusalReason.TOO_FEW_FEATURES)
+        best: Evidence | None = None
+        if prior is not None:
+            best = self._try(features, camera, self.nearest_keyframe(prior))
+            if best is not None:
+                if self._enough(best, options.alone) and self._reachable(best, prior, elapsed):
+                    return self._fix(best, strong=True)
+                if trusted and self._enough(best, options.expected) and self._reachable(best, prior, elapsed):
+                    return self._fix(best, strong=False)
+        candidates = self._places.query(features.descriptors, options.candidates)
+        for candidate in candidates:
+            evidence = self._try(features, camera, candidate.keyframe)
+            if evidence is not None and (best is None or evidence.inliers > best.inliers):
+                best = evidence
+            if best is not None and best.inliers >= 3 * options.alone.inliers:
+                break
+        if best is None:
+            return Refusal(RefusalReason.NO_SIMILAR_PLACE)
+        if not self._enough(best, options.alone):
+            return Refusal(RefusalReason.TOO_FEW_INLIERS, best.inliers)
+        return self._fix(best, strong=True)
+
+    def nearest_keyframe(self, world_from_camera: SE3) -> int:
+        """The keyframe whose view is nearest to a pose: place and heading together.
+
+        A quarter turn away counts as much as the distance walked in two seconds.
+        """
+        offset = self.route_map.keyframes.position - world_from_camera.translation
+        distance = np.linalg.norm(offset, axis=1)
+        cosine = self._forward @ world_from_camera.rotation[:, 2]
+        return int(np.argmin(distance + 2.0 * (1.0 - cosine)))
+
+    def _enough(self, evidence: Evidence, needed: EvidenceNeeded) -> bool:
+        return (
+            evidence.inliers >= needed.inliers
+            and evidence.cells >= needed.cells
+            and evidence.sigma <= needed.sigma
+        )
+
+    def _reachable(self, evidence: Evidence, prior: SE3, elapsed: float) -> bool:
+        """Whether a follower can have come from the last fix to this pose."""
+        options = self.options
+        pose = evidence.estimate.camera_from_world.inverse()
+        moved = float(np.linalg.norm(pose.translation - prior.translation))
+        # Where the leader crept, the unit is short: the depth of the scene bounds a step as well.
+        length = max(options.slack_length, 0.3 * evidence.depth) + options.speed * elapsed
+        return moved <= length and pose.angle_to(prior) <= options.slack_angle + options.turn_rate * elapsed
+
+    def _fix(self, evidence: Evidence, *, strong: bool) -> Fix:
+        return Fix(
+            world_from_camera=evidence.estimate.camera_from_world.inverse(),
+            covariance=evidence.estimate.covariance,
+            inliers=evidence.inliers,
+            matches=evidence.matches,
+            keyframe=evidence.keyframe,
+            strong=strong,
+        )
+
+    def _local(self, keyframe: int) -> Ids:
+        """Landmarks that the keyframes around one see."""
+        offsets = self.route_map.observations.offsets
+        low = max(0, keyframe - self.options.reach)
+        high = min(len(offsets) - 1, keyframe + self.options.reach + 1)
+        seen = self.route_map.observations.landmark[offsets[low] : offsets[high]]
+        return np.unique(seen).astype(np.intp)
+
+    def _try(self, features: Features, camera: Camera, keyframe: int) -> Evidence | None:
+        """The best pose in the neighbourhood of a keyframe."""
+        options = self.options
+        local = self._local(keyframe)
+        pairs = match_descriptors(
+            features.descriptors,
+            self._descriptor[local],
+            max_distance=options.max_distance,
+            ratio=options.ratio,
+        )
+        if len(pairs) < 8:
+            return None
+        found = ransac_pose(
+            self._position[local[pairs.b]], features.pixels[pairs.a], camera, max_error=options.max_error
+        )
+        if found is None or found[1].sum() < 8:
+            return None
+        pose = found[0]
+        evidence: Evidence | None = None
+        for radius in (2.0 * options.guided_radius, options.guided_radius):
+            evidence = self._guided(features, camera, local, pose, radius)
+            if evidence is None:
+                return None
+            pose = evidence.estimate.camera_from_world
+        return evidence
+
+    def _guided(
+        self, features: Features, camera: Camera, local: Ids, pose: SE3, radius: float
+    ) -> Evidence | None:
+        options, landmarks = self.options, self.route_map.landmarks
+        points = pose @ self._position[local]
+        front = points[:, 2] > 1e-3
+        local, points = local[front], points[front]
+        pixels = camera.project(points)
+        to_camera = pose.inverse().translation - self._position[local]
+        distance = np.linalg.norm(to_camera, axis=1)
+        facing = np.einsum("ij,ij->i", to_camera, landmarks.normal[local].astype(np.float64))
+        nearest, farthest = landmarks.distance[local].astype(np.float64).T
+        visible = (
+            (pixels[:, 0] > 0)
+            & (pixels[:, 1] > 0)
+            & (pixels[:, 0] < camera.width)
+            & (pixels[:, 1] < camera.height)
+            & (facing > 0.5 * distance)
+            & (distance > 0.7 * nearest)
+            & (distance < 1.4 * farthest)
+        )
+        local, pixels, distance, farthest = (v[visible] for v in (local, pixels, distance, farthest))
+        octave = np.log(farthest / distance) / np.log(self.scale_factor)
+        octave = np.clip(np.round(octave), 0, self.levels - 1).astype(np.int64)
+        matches = match_predicted(
+            pixels,
+            self._descriptor[local],
+            features.pixels,
+            features.descriptors,
+            radius=radius * self.scale_factor ** np.clip(octave, 0, 4),
+            max_distance=options.guided_distance,
+            ratio=options.guided_ratio,
+            predicted_octaves=octave,
+            octaves=features.octaves,
+            octave_slack=2,
+        )
+        if len(matches) < 8:
+            return None
+        sigmas = self.scale_factor ** features.octaves[matches.b].astype(np.float64)
+        chosen = local[matches.a]
+        estimate = refine_pose(
+            pose, self._position[chosen], features.pixels[matches.b], sigmas, camera, anneal=(2.0, 1.0)
+        )
+        if estimate is None:
+            return None
+        inlier_pixels = features.pixels[matches.b[estimate.inliers]]
+        grid = (inlier_pixels / [camera.width / 8, camera.height / 6]).astype(int)
+        depth = float(
+            np.median((estimate.camera_from_world @ self._position[chosen[estimate.inliers]])[:, 2])
+        )
+        return Evidence(
+            estimate=estimate,
+            inliers=int(estimate.inliers.sum()),
+            matches=len(matches),
+            visible=len(local),
+            cells=len(np.unique(grid[:, 1] * 8 + grid[:, 0])),
+            sigma=float(np.sqrt(np.trace(estimate.covariance[3:, 3:]))) / max(depth, 1e-9),
+            depth=depth,
+            keyframe=self.nearest_keyframe(estimate.camera_from_world.inverse()),
+        )

@@ -1,0 +1,186 @@
+"""A follower's navigation session: a state machine from frames to updates, without I/O or clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.features.extraction import OrbExtractor, OrbOptions
+from server.geometry.cameras import Camera, Rectifier
+from server.geometry.poses import SE3
+from server.mapping.route_map import RouteMap
+from server.navigation.guidance import Guidance, GuidanceOptions, Guide, Progress
+from server.navigation.relocalizer import Relocalizer, RelocalizerOptions
+from server.navigation.updates import Fix, NavigationState, Refusal, Update
+
+
+@dataclass(frozen=True, slots=True)
+class NavigationOptions:
+    """Settings of :class:`NavigationSession`.
+
+    Attributes:
+        prior_seconds: how long a fix tells where to look next.
+        guidance_seconds: how long guidance holds without a new fix.
+        lost_seconds: how long without a fix until the follower counts as lost.
+    """
+
+    extraction: OrbOptions = field(default_factory=lambda: OrbOptions(count=1000))
+    relocalizer: RelocalizerOptions = field(default_factory=RelocalizerOptions)
+    guidance: GuidanceOptions = field(default_factory=GuidanceOptions)
+    prior_seconds: float = 1.5
+    guidance_seconds: float = 1.5
+    lost_seconds: float = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSnapshot:
+    """All a session remembers: enough to go on in another process.
+
+    Attributes:
+        state: of the last update.
+        quaternion, position: world_from_camera of the last fix; fix_time: its capture time, seconds.
+        progress: along the route.
+        guidance: the last one given.
+    """
+
+    state: NavigationState = NavigationState.SEARCHING
+    quaternion: tuple[float, float, float, float] | None = None
+    position: tuple[float, float, float] | None = None
+    fix_time: float = 0.0
+    trusted_time: float = -1e9
+    progress: Progress | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON values."""
+        return {
+            "state": str(self.state),
+            "quaternion": self.quaternion,
+            "position": self.position,
+            "fix_time": self.fix_time,
+            "trusted_time": self.trusted_time,
+            "progress": None
+            if self.progress is None
+            else [self.progress.length, self.progress.time, self.progress.jumps],
+        }
+
+    @staticmethod
+    def from_json(document: dict[str, Any]) -> SessionSnapshot:
+        """The inverse of :meth:`to_json`.
+
+        Raises:
+            ValueError, KeyError, TypeError: not such a document.
+        """
+        q, p, progress = document["quaternion"], document["position"], document["progress"]
+        return SessionSnapshot(
+            state=NavigationState(document["state"]),
+            quaternion=None if q is None else (float(q[0]), float(q[1]), float(q[2]), float(q[3])),
+            position=None if p is None else (float(p[0]), float(p[1]), float(p[2])),
+            fix_time=float(document["fix_time"]),
+            trusted_time=float(document["trusted_time"]),
+            progress=None
+            if progress is None
+            else Progress(float(progress[0]), float(progress[1]), int(progress[2])),
+        )
+
+    @property
+    def world_from_camera(self) -> SE3 | None:
+        """The last fix's pose."""
+        if self.quaternion is None or self.position is None:
+            return None
+        return SE3.from_quaternion(self.quaternion, self.position)
+
+
+class NavigationSession:
+    """Guides one follower along one route.
+
+    The same frames with the same times always give the same updates.
+    """
+
+    def __init__(
+        self,
+        route_map: RouteMap,
+        camera: Camera,
+        options: NavigationOptions | None = None,
+        snapshot: SessionSnapshot | None = None,
+    ) -> None:
+        self.options = options or NavigationOptions()
+        self._extractor = OrbExtractor(self.options.extraction)
+        self._relocalizer = Relocalizer(
+            route_map, self._extractor.scale_factor, self._extractor.levels, self.options.relocalizer
+        )
+        self._guide = Guide(route_map, self.options.guidance)
+        self._camera = camera
+        self._rectifier = Rectifier(camera)
+        self._memory = snapshot or SessionSnapshot()
+        self._guidance: Guidance | None = None
+
+    def snapshot(self) -> SessionSnapshot:
+        """What the session remembers."""
+        return self._memory
+
+    def process(self, image: NDArray[np.uint8], capture_time: float, sequence: int) -> Update:
+        """The answer to one frame.
+
+        Args:
+            image: (H, W) grey picture of the phone's camera, of its size or scaled.
+            capture_time: seconds on the phone's clock.
+
+        Raises:
+            ValueError: the picture has another shape than the camera's.
+        """
+        memory = self._memory
+        rectified = self._rectified(image)
+        features = self._extractor.extract(rectified)
+        since_fix = capture_time - memory.fix_time
+        prior = memory.world_from_camera if abs(since_fix) <= self.options.prior_seconds else None
+        trusted = prior is not None and capture_time - memory.trusted_time <= self.options.prior_seconds
+        answer = self._relocalizer.locate(
+            features, self._rectifier.target, prior, elapsed=max(since_fix, 0.0), trusted=trusted
+        )
+        if isinstance(answer, Fix):
+            return self._fixed(answer, capture_time, sequence)
+        return self._refused(answer, capture_time, sequence)
+
+    def _rectified(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        height, width = image.shape
+        source = self._rectifier.source
+        if (width, height) != (source.width, source.height):
+            if abs(width / height - self._camera.width / self._camera.height) > 0.01:
+                raise ValueError(
+                    f"the frame is {width}x{height}, the camera was described as "
+                    f"{self._camera.width}x{self._camera.height}"
+                )
+            self._rectifier = Rectifier(self._camera.scaled(width, height))
+        return self._rectifier(image)
+
+    def _fixed(self, fix: Fix, time: float, sequence: int) -> Update:
+        pose, memory = fix.world_from_camera, self._memory
+        progress = self._guide.locate(pose, time, memory.progress)
+        state = NavigationState.ARRIVED if self._guide.arrived(progress) else NavigationState.ON_ROUTE
+        self._guidance = self._guide.guide(pose, progress)
+        q, p = pose.quaternion, pose.translation
+        self._memory = SessionSnapshot(
+            state=state,
+            quaternion=(float(q[0]), float(q[1]), float(q[2]), float(q[3])),
+            position=(float(p[0]), float(p[1]), float(p[2])),
+            fix_time=time,
+            trusted_time=time if fix.strong else memory.trusted_time,
+            progress=progress,
+        )
+        return Update(sequence, time, state, fix, None, self._guidance)
+
+    def _refused(self, refusal: Refusal, time: float, sequence: int) -> Update:
+        memory = self._memory
+        since_fix = time - memory.fix_time
+        if memory.quaternion is None:
+            state = NavigationState.SEARCHING
+        elif since_fix > self.options.lost_seconds and memory.state is not NavigationState.ARRIVED:
+            state = NavigationState.LOST
+        else:
+            state = memory.state
+        self._memory = replace(memory, state=state)
+        fresh = memory.quaternion is not None and since_fix <= self.options.guidance_seconds
+        return Update(sequence, time, state, None, refusal, self._guidance if fresh else None)
