@@ -103,11 +103,10 @@ def pose_jacobian(points: Array, jacobian: Array) -> Array:
         points: (N, 3) in the camera frame.
         jacobian: (N, 2, 3) derivative of the pixels by the camera-frame points.
     """
-    out = np.empty((len(points), 2, 6))
+    x, y, z = points[:, 0, None], points[:, 1, None], points[:, 2, None]
+    a, b, c = jacobian[:, :, 0], jacobian[:, :, 1], jacobian[:, :, 2]
     # d(exp(w) x)/dw = -[x]_x, so a row j of the jacobian gives -(j [x]_x) = x cross j.
-    out[:, :, :3] = np.cross(points[:, None, :], jacobian)
-    out[:, :, 3:] = jacobian
-    return out
+    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a, a, b, c], axis=2)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -162,43 +161,38 @@ def refine_pose(
         gate: squared normalised error up to which a correspondence is an inlier.
     """
     rotation, translation = camera_from_world.rotation, camera_from_world.translation
-    whitening = _whitening(camera_from_world, points, sigmas, camera, point_covariances)
-    for stage in range(iterations * len(anneal)):
-        width = gate * anneal[stage // iterations] ** 2
-        local = points @ rotation.T + translation
-        front = local[:, 2] > 1e-6
-        if front.sum() < 4:
-            return None
-        if point_covariances is not None:
-            # The direction in which a ray is free turns with the pose.
-            whitening = _whitening(SE3(rotation, translation), points, sigmas, camera, point_covariances)
-        predicted, jacobian = projection_jacobian(local[front], camera)
-        residual = np.einsum("nij,nj->ni", whitening[front], predicted - pixels[front])
-        squared = np.einsum("ij,ij->i", residual, residual)
-        weights = (width / (width + squared)) ** 2
-        j = whitening[front] @ pose_jacobian(local[front], jacobian)
-        weighted = j * weights[:, None, None]
-        information = np.einsum("nki,nkj->ij", weighted, j)
-        gradient = np.einsum("nki,nk->i", weighted, residual)
-        if prior is not None:
-            information += np.diag(prior.information())
-            gradient += prior.information() * prior.offset(rotation, translation)
-        step = -np.linalg.solve(information + 1e-9 * np.diag(np.diag(information) + 1e-12), gradient)
-        turn = rotation_from_vector(step[:3])
-        rotation, translation = turn @ rotation, turn @ translation + step[3:]
-        if np.abs(step).max() < 1e-7 and stage >= iterations * (len(anneal) - 1):
-            break
+    for stage, factor in enumerate(anneal):
+        close_enough = 1e-6 if stage == len(anneal) - 1 else 1e-4
+        for _ in range(iterations):
+            local = points @ rotation.T + translation
+            front = local[:, 2] > 1e-6
+            if front.sum() < 4:
+                return None
+            residual, jacobian = _whitened(local, rotation, pixels, sigmas, camera, point_covariances, front)
+            squared = np.einsum("ij,ij->i", residual, residual)
+            width = gate * factor**2
+            weights = np.repeat((width / (width + squared)) ** 2, 2)
+            rows = jacobian.reshape(-1, 6)
+            weighted = rows * weights[:, None]
+            information, gradient = weighted.T @ rows, weighted.T @ residual.ravel()
+            if prior is not None:
+                information += np.diag(prior.information())
+                gradient += prior.information() * prior.offset(rotation, translation)
+            step = -np.linalg.solve(information + 1e-9 * np.diag(np.diag(information) + 1e-12), gradient)
+            turn = rotation_from_vector(step[:3])
+            rotation, translation = turn @ rotation, turn @ translation + step[3:]
+            if np.abs(step).max() < close_enough:
+                break
     local = points @ rotation.T + translation
     front = local[:, 2] > 1e-6
+    residual, jacobian = _whitened(local, rotation, pixels, sigmas, camera, point_covariances, front)
     squared = np.full(len(points), np.inf)
-    residual = np.einsum("nij,nj->ni", whitening[front], camera.project(local[front]) - pixels[front])
     squared[front] = (residual**2).sum(axis=1)
     inliers = squared <= gate
     if inliers.sum() < 4:
         return None
-    _, jacobian = projection_jacobian(local[inliers], camera)
-    j = whitening[inliers] @ pose_jacobian(local[inliers], jacobian)
-    information = np.einsum("nki,nkj->ij", j, j)
+    rows = jacobian[inliers[front]].reshape(-1, 6)
+    information = rows.T @ rows
     if prior is not None:
         information += np.diag(prior.information())
     covariance = np.linalg.pinv(information, hermitian=True)
@@ -210,26 +204,34 @@ def refine_pose(
     return PoseEstimate(SE3(rotation, translation), inliers, change @ covariance @ change.T)
 
 
-def _whitening(
-    camera_from_world: SE3,
-    points: Array,
+def _whitened(
+    local: Array,
+    rotation: Array,
+    pixels: Array,
     sigmas: Array,
     camera: Camera,
     point_covariances: Array | None,
-) -> Array:
-    """(N, 2, 2) matrices W with W^T W the information of a pixel, the point's own error included."""
+    front: NDArray[np.bool_],
+) -> tuple[Array, Array]:
+    """Residuals (n, 2) of the n points in front and their derivative (n, 2, 6) by the pose, whitened.
+
+    A point's own error is part of its pixel's; the direction in which a ray is free turns with the
+    pose, so this is done anew for every pose.
+    """
+    predicted, by_point = projection_jacobian(local[front], camera)
+    residual, by_pose = predicted - pixels[front], pose_jacobian(local[front], by_point)
     if point_covariances is None:
-        return np.eye(2) / sigmas[:, None, None]
-    local = camera_from_world @ points
-    local[:, 2] = np.maximum(local[:, 2], 1e-6)
-    _, jacobian = projection_jacobian(local, camera)
-    jacobian = jacobian @ camera_from_world.rotation
-    covariance = np.einsum("nik,nkl,njl->nij", jacobian, point_covariances, jacobian, optimize=True)
-    covariance += (sigmas**2)[:, None, None] * np.eye(2)
+        weight = 1.0 / sigmas[front]
+        return residual * weight[:, None], by_pose * weight[:, None, None]
+    by_world = by_point @ rotation
+    covariance = by_world @ point_covariances[front] @ by_world.transpose(0, 2, 1)
     # Cholesky factor of the inverse of a 2 x 2 matrix [[a, b], [b, c]].
-    a, b, c = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    out = np.zeros((len(points), 2, 2))
-    out[:, 0, 0] = 1.0 / np.sqrt(a)
-    out[:, 1, 1] = np.sqrt(a / np.maximum(a * c - b * b, 1e-12 * a * c))
-    out[:, 1, 0] = -b / a * out[:, 1, 1]
-    return out
+    variance = sigmas[front] ** 2
+    a, b, c = covariance[:, 0, 0] + variance, covariance[:, 0, 1], covariance[:, 1, 1] + variance
+    first = 1.0 / np.sqrt(a)
+    second = np.sqrt(a / np.maximum(a * c - b * b, 1e-12 * a * c))
+    mixed = -b / a * second
+    residual = np.stack([first * residual[:, 0], mixed * residual[:, 0] + second * residual[:, 1]], axis=1)
+    upper, lower = by_pose[:, 0], by_pose[:, 1]
+    by_pose = np.stack([first[:, None] * upper, mixed[:, None] * upper + second[:, None] * lower], axis=1)
+    return residual, by_pose

@@ -42,6 +42,7 @@ class OdometryOptions:
     Attributes:
         two_view: how a start is found.
         start_patience: frames after which a new first frame of the start is chosen.
+        min_start_shift: median motion of the tracks since the first frame of the start, pixels.
         local_keyframes: keyframes whose landmarks are looked for in a frame.
         window: keyframes adjusted at a new keyframe.
         min_inliers: 2D-3D inliers below which a frame is not tracked.
@@ -53,12 +54,16 @@ class OdometryOptions:
         triangulate_with: earlier keyframes among which a new one looks for a baseline.
         min_baseline: shortest baseline for new landmarks, as a share of the median depth.
         far_depth: depth of landmarks that show no parallax, as a multiple of the median depth.
+        max_rays: tracks without a depth that take part in a pose.
+        new_landmark_gate: squared normalised error up to which a new landmark fits its views; wide,
+            because where the poses are a little off it is the new landmarks that put them right.
         prior_rotation: how much a walker's turn changes from frame to frame, radians.
         prior_translation: how much a walker's step changes, as a share of its length.
     """
 
     two_view: TwoViewOptions = field(default_factory=TwoViewOptions)
     start_patience: int = 20
+    min_start_shift: float = 8.0
     local_keyframes: int = 15
     window: int = 8
     min_inliers: int = 20
@@ -71,6 +76,7 @@ class OdometryOptions:
     triangulate_with: int = 10
     min_baseline: float = 0.01
     far_depth: float = 20.0
+    max_rays: int = 300
     new_landmark_gate: float = 25.0
     prior_rotation: float = float(np.deg2rad(3.0))
     prior_translation: float = 0.5
@@ -196,6 +202,8 @@ class VisualOdometry:
             self._first = (frame, features)
             return TrackedFrame(TrackingState.STARTING)
         pixels_a, pixels_b = first.features.pixels[a], features.features.pixels[b]
+        if np.median(np.linalg.norm(pixels_b - pixels_a, axis=1)) < options.min_start_shift:
+            return TrackedFrame(TrackingState.STARTING)
         view = relative_pose(pixels_a, pixels_b, self.camera, options.two_view)
         if view is None:
             return TrackedFrame(TrackingState.STARTING)
@@ -274,6 +282,8 @@ class VisualOdometry:
         last = self.map.keyframes[-1]
         free = np.flatnonzero(last.landmark < 0)
         _, a, b = np.intersect1d(last.track[free], features.track, assume_unique=True, return_indices=True)
+        step = max(1, len(a) // self.options.max_rays)
+        a, b = a[::step], b[::step]
         rays = np.column_stack([self.camera.normalize(last.features.pixels[free[a]]), np.ones(len(a))])
         depth = self._median_depth(last)
         world_from_camera = last.camera_from_world.inverse()

@@ -119,7 +119,6 @@ class Relocalizer:
         )
         self._forward = route_map.keyframe_rotations[:, :, 2]
         self._position = np.asarray(route_map.landmarks.position)
-        self._descriptor = np.asarray(route_map.landmarks.descriptor)
 
     def locate(
         self,
@@ -197,21 +196,23 @@ class Relocalizer:
             strong=strong,
         )
 
-    def _local(self, keyframe: int) -> Ids:
-        """Landmarks that the keyframes around one see."""
-        offsets = self.route_map.observations.offsets
+    def _local(self, keyframe: int) -> tuple[Ids, NDArray[np.uint8]]:
+        """Landmarks that the keyframes around one see, each with its look in the nearest of them."""
+        observations = self.route_map.observations
         low = max(0, keyframe - self.options.reach)
-        high = min(len(offsets) - 1, keyframe + self.options.reach + 1)
-        seen = self.route_map.observations.landmark[offsets[low] : offsets[high]]
-        return np.unique(seen).astype(np.intp)
+        high = min(len(observations.offsets) - 1, keyframe + self.options.reach + 1)
+        order = sorted(range(low, high), key=lambda k: abs(k - keyframe))
+        rows = np.concatenate([np.arange(*observations.offsets[k : k + 2]) for k in order])
+        landmarks, first = np.unique(observations.landmark[rows], return_index=True)
+        return landmarks.astype(np.intp), np.asarray(observations.descriptor[rows[first]])
 
     def _try(self, features: Features, camera: Camera, keyframe: int) -> Evidence | None:
         """The best pose in the neighbourhood of a keyframe."""
         options = self.options
-        local = self._local(keyframe)
+        local, look = self._local(keyframe)
         pairs = match_descriptors(
             features.descriptors,
-            self._descriptor[local],
+            look,
             max_distance=options.max_distance,
             ratio=options.ratio,
         )
@@ -225,19 +226,25 @@ class Relocalizer:
         pose = found[0]
         evidence: Evidence | None = None
         for radius in (2.0 * options.guided_radius, options.guided_radius):
-            evidence = self._guided(features, camera, local, pose, radius)
+            evidence = self._guided(features, camera, local, look, pose, radius)
             if evidence is None:
                 return None
             pose = evidence.estimate.camera_from_world
         return evidence
 
     def _guided(
-        self, features: Features, camera: Camera, local: Ids, pose: SE3, radius: float
+        self,
+        features: Features,
+        camera: Camera,
+        local: Ids,
+        look: NDArray[np.uint8],
+        pose: SE3,
+        radius: float,
     ) -> Evidence | None:
         options, landmarks = self.options, self.route_map.landmarks
         points = pose @ self._position[local]
         front = points[:, 2] > 1e-3
-        local, points = local[front], points[front]
+        local, look, points = local[front], look[front], points[front]
         pixels = camera.project(points)
         to_camera = pose.inverse().translation - self._position[local]
         distance = np.linalg.norm(to_camera, axis=1)
@@ -252,12 +259,13 @@ class Relocalizer:
             & (distance > 0.7 * nearest)
             & (distance < 1.4 * farthest)
         )
-        local, pixels, distance, farthest = (v[visible] for v in (local, pixels, distance, farthest))
+        local, look, pixels = local[visible], look[visible], pixels[visible]
+        distance, farthest = distance[visible], farthest[visible]
         octave = np.log(farthest / distance) / np.log(self.scale_factor)
         octave = np.clip(np.round(octave), 0, self.levels - 1).astype(np.int64)
         matches = match_predicted(
             pixels,
-            self._descriptor[local],
+            look,
             features.pixels,
             features.descriptors,
             radius=radius * self.scale_factor ** np.clip(octave, 0, 4),
