@@ -145,35 +145,40 @@ def pairs_within(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """All pairs (i, j) with ``|a[i] - b[j]| <= radius[i]``; a (A, 2), b (B, 2), in pixels.
 
-    b is sorted into square cells as wide as the greatest radius; in each of three rows of cells the
-    three cells around a[i] are one contiguous run of the sorted order.
+    b is sorted into square cells, row by row: the cells that the square around a[i] touches are one
+    contiguous run of the sorted order in each row of cells.
     """
     if len(a) == 0 or len(b) == 0:
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
     reach = np.broadcast_to(np.asarray(radius, dtype=np.float64), (len(a),))
-    cell = max(float(reach.max()), 1e-9)
     origin = b.min(axis=0)
-    cells_b = ((b - origin) // cell).astype(np.int64)
+    extent = float((b.max(axis=0) - origin).max())
+    cell = max(float(reach.mean()), extent / 256, 1e-9)
+    cells_b = ((b - origin) / cell).astype(np.int64)
     width, height = cells_b.max(axis=0) + 1
     keys = cells_b[:, 1] * width + cells_b[:, 0]
     order = np.argsort(keys, kind="stable")
     starts = np.searchsorted(keys[order], np.arange(width * height + 1))
-    cells_a = np.floor((a - origin) / cell).astype(np.int64)
-    left = np.clip(cells_a[:, 0] - 1, 0, width)
-    right = np.clip(cells_a[:, 0] + 2, 0, width)
-    low, counts = [], []
-    for shift in (-1, 0, 1):
-        row = cells_a[:, 1] + shift
-        inside = (row >= 0) & (row < height) & (left < right)
-        base = np.where(inside, row, 0) * width
-        begin = starts[base + np.where(inside, left, 0)]
-        end = starts[base + np.where(inside, right, 0)]
-        low.append(begin)
-        counts.append(end - begin)
-    run_low, run_count = np.stack(low, axis=1).ravel(), np.stack(counts, axis=1).ravel()
-    rows = np.repeat(np.repeat(np.arange(len(a)), 3), run_count)
-    run_start = np.cumsum(run_count) - run_count
-    columns = order[np.arange(len(rows)) + np.repeat(run_low - run_start, run_count)]
-    offset = a[rows] - b[columns]
-    near = np.einsum("ij,ij->i", offset, offset) <= reach[rows] ** 2
+
+    low = np.floor((a - origin - reach[:, None]) / cell)
+    high = np.floor((a - origin + reach[:, None]) / cell)
+    outside = (high < 0).any(axis=1) | (low[:, 0] >= width) | (low[:, 1] >= height)
+    low = np.clip(low, 0, (width - 1, height - 1)).astype(np.int64)
+    high = np.clip(high, 0, (width - 1, height - 1)).astype(np.int64)
+    touched = np.where(outside, 0, high[:, 1] - low[:, 1] + 1)
+    of_run = np.repeat(np.arange(len(a)), touched)
+    cell_row = low[of_run, 1] + _counting(touched)
+    begin = starts[cell_row * width + low[of_run, 0]]
+    count = starts[cell_row * width + high[of_run, 0] + 1] - begin
+    rows = np.repeat(of_run, count)
+    columns = order[np.repeat(begin, count) + _counting(count)]
+    x = a[rows, 0] - b[columns, 0]
+    y = a[rows, 1] - b[columns, 1]
+    near = x * x + y * y <= (reach * reach)[rows]
     return rows[near], columns[near]
+
+
+def _counting(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """0, 1, ... up to each count, one after the other: [2, 3] -> [0, 1, 0, 1, 2]."""
+    ends = np.cumsum(counts)
+    return np.arange(int(ends[-1]) if len(ends) else 0) - np.repeat(ends - counts, counts)

@@ -48,7 +48,8 @@ class RelocalizerOptions:
         candidates: keyframes tried when there is no prior.
         reach: keyframes on either side of a candidate whose landmarks are matched.
         max_distance, ratio: of a match without prediction, bits and Lowe's ratio.
-        guided_distance, guided_ratio, guided_radius: of a match near its predicted pixel.
+        guided_distance, guided_ratio, guided_radius: of a match near its predicted pixel;
+            remeasure: angle by which refinement may move the view before the search is repeated, radians.
         max_error: RANSAC's inlier threshold, pixels.
         min_features: features below which a picture shows too little.
         alone: evidence a picture needs by itself; expected: and where an expected pose agrees with it.
@@ -63,7 +64,8 @@ class RelocalizerOptions:
     ratio: float = 0.88
     guided_distance: int = 64
     guided_ratio: float = 0.92
-    guided_radius: float = 7.0
+    guided_radius: float = 8.0
+    remeasure: float = 0.006
     max_error: float = 5.0
     min_features: int = 30
     alone: EvidenceNeeded = field(default_factory=lambda: EvidenceNeeded(40, 10, 0.012))
@@ -224,13 +226,17 @@ class Relocalizer:
         if found is None or found[1].sum() < 8:
             return None
         pose = found[0]
-        evidence: Evidence | None = None
-        for radius in (2.0 * options.guided_radius, options.guided_radius):
-            evidence = self._guided(features, camera, local, look, pose, radius)
-            if evidence is None:
-                return None
+        evidence = self._guided(features, camera, local, look, pose)
+        if evidence is not None and self._moved(evidence.estimate.camera_from_world, pose, evidence.depth):
+            # Predictions were off: some of the landmarks were looked for in the wrong place.
             pose = evidence.estimate.camera_from_world
+            evidence = self._guided(features, camera, local, look, pose)
         return evidence
+
+    def _moved(self, pose: SE3, before: SE3, depth: float) -> bool:
+        """Whether two poses show the scene more than half a search radius apart."""
+        shift = float(np.linalg.norm(pose.translation - before.translation)) / max(depth, 1e-9)
+        return pose.angle_to(before) + shift > self.options.remeasure
 
     def _guided(
         self,
@@ -239,7 +245,6 @@ class Relocalizer:
         local: Ids,
         look: NDArray[np.uint8],
         pose: SE3,
-        radius: float,
     ) -> Evidence | None:
         options, landmarks = self.options, self.route_map.landmarks
         points = pose @ self._position[local]
@@ -268,7 +273,7 @@ class Relocalizer:
             look,
             features.pixels,
             features.descriptors,
-            radius=radius * self.scale_factor ** np.clip(octave, 0, 4),
+            radius=options.guided_radius * self.scale_factor ** np.clip(octave, 0, 4),
             max_distance=options.guided_distance,
             ratio=options.guided_ratio,
             predicted_octaves=octave,
