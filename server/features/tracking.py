@@ -59,6 +59,11 @@ class TrackedFeatures:
     def __len__(self) -> int:
         return len(self.track)
 
+    @staticmethod
+    def empty() -> TrackedFeatures:
+        """No features, as before the first frame."""
+        return TrackedFeatures(Features.empty(), np.zeros(0, np.int64), np.zeros(0, np.int64))
+
 
 class FeatureTracker:
     """Follows features through the frames of one video."""
@@ -67,7 +72,7 @@ class FeatureTracker:
         self.extractor = extractor
         self.options = options or TrackerOptions()
         self._image: Image | None = None
-        self._current = TrackedFeatures(Features.empty(), np.zeros(0, np.int64), np.zeros(0, np.int64))
+        self._current = TrackedFeatures.empty()
         self._next = 0
 
     def follow(
@@ -93,7 +98,7 @@ class FeatureTracker:
     ) -> TrackedFeatures:
         before, options = self._current, self.options
         if self._image is None or len(before) == 0:
-            return TrackedFeatures(Features.empty(), np.zeros(0, np.int64), np.zeros(0, np.int64))
+            return TrackedFeatures.empty()
         start = (before.features.pixels - 0.5).astype(np.float32)[:, None]
         guess = start if predicted is None else (predicted - 0.5).astype(np.float32)[:, None]
         settings = {

@@ -162,7 +162,7 @@ def refine_pose(
     """
     rotation, translation = camera_from_world.rotation, camera_from_world.translation
     for stage, factor in enumerate(anneal):
-        close_enough = 1e-6 if stage == len(anneal) - 1 else 1e-4
+        close_enough = 1e-5 if stage == len(anneal) - 1 else 1e-3
         for _ in range(iterations):
             local = points @ rotation.T + translation
             front = local[:, 2] > 1e-6

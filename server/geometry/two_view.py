@@ -119,6 +119,29 @@ def relative_pose(
     return best
 
 
+def rotation_between(rays_a: Array, rays_b: Array, *, rounds: int = 3) -> Array:
+    """The rotation (3, 3) that best turns rays (N, 2) of view a into those of view b, as if all were far.
+
+    Wahba's problem by Kabsch's solution, with the weight of what does not turn along (near things,
+    wrong pairs) falling off from round to round. The identity for fewer than five pairs.
+    """
+    if len(rays_a) < 5:
+        return np.eye(3)
+    a = np.column_stack([rays_a, np.ones(len(rays_a))])
+    b = np.column_stack([rays_b, np.ones(len(rays_b))])
+    a /= np.linalg.norm(a, axis=1, keepdims=True)
+    b /= np.linalg.norm(b, axis=1, keepdims=True)
+    weights = np.ones(len(a))
+    rotation = np.eye(3)
+    for _ in range(rounds):
+        u, _, vt = np.linalg.svd((b * weights[:, None]).T @ a)
+        rotation = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+        error = np.linalg.norm(b - a @ rotation.T, axis=1)
+        scale = max(float(np.median(error)), 1e-6)
+        weights = 1.0 / (1.0 + (error / scale) ** 2)
+    return np.asarray(rotation)
+
+
 def _triangulated(
     model: TwoViewModel, b_from_a: SE3, rays_a: Array, rays_b: Array, max_error: float
 ) -> TwoView:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from server.features.matching import hamming
-from server.features.tracking import TrackedFeatures
 from server.geometry.absolute_pose import ransac_pose, refine_pose
 from server.geometry.poses import SE3, Sim3, quaternion_from_rotation
+from server.mapping.front_end import WalkFrame
 from server.mapping.route_map import (
     Keyframes,
     Landmarks,
@@ -25,14 +23,6 @@ from server.mapping.trajectory import find_turns, route_frame, smoothed, walked
 from server.mapping.working_map import WorkingMap
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class WalkFrame:
-    """A frame of the walk: its time on the video's clock, seconds, and its tracks."""
-
-    time: float
-    features: TrackedFeatures
 
 
 def locate_frames(
@@ -153,7 +143,7 @@ def _landmarks(
     normal = np.zeros((len(alive), 3))
     np.add.at(normal, landmark, to_camera / np.maximum(distance, 1e-12)[:, None])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    # A feature of octave o at distance d is seen at octave 0 from d * s^o, and at the last from d * s^(o - last).
+    # Seen at octave o from distance d, a feature is one of octave 0 from d * s^o.
     factor = working.scale_factor ** octave.astype(np.float64)
     farthest = np.zeros(len(alive))
     np.maximum.at(farthest, landmark, distance * factor)

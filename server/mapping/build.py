@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from server.features.extraction import OrbExtractor, OrbOptions
 from server.features.tracking import FeatureTracker, TrackerOptions
 from server.geometry.cameras import Camera, Rectifier
 from server.geometry.poses import SE3
-from server.mapping.assembly import WalkFrame, assemble, locate_frames
+from server.mapping.assembly import assemble, locate_frames
+from server.mapping.front_end import WalkFrame, follow_features
 from server.mapping.global_refinement import RefinementOptions, refine_globally
 from server.mapping.outcome import (
     BuildProgress,
@@ -50,7 +53,7 @@ class BuildOptions:
 class _Progress:
     """Weighs the stages so that the bar moves evenly."""
 
-    _SPANS = {
+    _SPANS: ClassVar = {
         BuildStage.DECODING: (0.0, 0.01),
         BuildStage.TRACKING: (0.01, 0.75),
         BuildStage.CLOSING: (0.75, 0.8),
@@ -82,8 +85,12 @@ def build_route_map(
     Returns:
         A map, or the reason why there is none.
     """
-    options = options or BuildOptions()
-    progress = _Progress(on_progress)
+    # The matrices here are small: BLAS threads would only wait for one another.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _build(video, camera, options or BuildOptions(), _Progress(on_progress))
+
+
+def _build(video: Path, camera: Camera, options: BuildOptions, progress: _Progress) -> BuildResult:
     progress(BuildStage.DECODING, 0.0)
     try:
         properties = probe(video)
@@ -101,8 +108,12 @@ def build_route_map(
             )
         rectifier = Rectifier(upright)
         expected = max(1.0, properties.seconds * FRAME_RATE)
-        walk = _Walk(rectifier.target, options)
-        for count, frame in enumerate(_rectified(video, rectifier)):
+        extractor = OrbExtractor(options.extraction)
+        tracker = FeatureTracker(extractor, options.tracker)
+        walk = _Walk(rectifier.target, extractor, options)
+        for count, frame in enumerate(
+            follow_features(_rectified(video, rectifier), rectifier.target, tracker)
+        ):
             walk.take(frame)
             if frame.time > options.max_seconds:
                 return _failed(BuildStatus.TOO_LONG, f"the video lasts over {options.max_seconds:.0f} s")
@@ -137,20 +148,15 @@ def _rectified(video: Path, rectifier: Rectifier) -> Iterator[VideoFrame]:
 class _Walk:
     """The state of one build while its frames come in."""
 
-    def __init__(self, camera: Camera, options: BuildOptions) -> None:
+    def __init__(self, camera: Camera, extractor: OrbExtractor, options: BuildOptions) -> None:
         self.options = options
-        self.extractor = OrbExtractor(options.extraction)
-        self.tracker = FeatureTracker(self.extractor, options.tracker)
-        self.odometry = VisualOdometry(camera, self.extractor.scale_factor, options.odometry)
+        self.extractor = extractor
+        self.odometry = VisualOdometry(camera, extractor.scale_factor, options.odometry)
         self.frames: list[WalkFrame] = []
 
-    def take(self, frame: VideoFrame) -> None:
-        predicted = None
-        if self.frames:
-            predicted = self.odometry.predict_pixels(self.frames[-1].features)
-        features = self.tracker.follow(frame.image, predicted)
-        self.frames.append(WalkFrame(frame.time, features))
-        self.odometry.process(len(self.frames) - 1, features)
+    def take(self, frame: WalkFrame) -> None:
+        self.frames.append(frame)
+        self.odometry.process(len(self.frames) - 1, frame.features)
 
     def finish(self, progress: _Progress) -> BuildResult:
         options = self.options

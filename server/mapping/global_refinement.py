@@ -114,7 +114,7 @@ def _drop_weak(working: WorkingMap, min_observations: int) -> None:
 
 
 def _drop_flat(working: WorkingMap, min_parallax: float) -> None:
-    """Landmarks whose depth is a guess: the angle between their first and their farthest view is too small."""
+    """Landmarks whose depth is a guess: the angle between their first and farthest view is too small."""
     first = np.full(len(working), -1)
     widest = np.zeros(len(working))
     centres = [kf.centre for kf in working.keyframes]

@@ -154,16 +154,6 @@ class VisualOdometry:
         """Whether there is a map to track against."""
         return bool(self.map.keyframes)
 
-    def predict_pixels(self, features: TrackedFeatures) -> Array:
-        """Where the features (N) of the last frame should be in the next one, (N, 2).
-
-        As if all were far away: the turn of the camera is the bulk of the motion in the image.
-        """
-        rays = np.column_stack([self.camera.normalize(features.features.pixels), np.ones(len(features))])
-        turned = rays @ self._velocity.rotation.T
-        turned[:, 2] = np.maximum(turned[:, 2], 0.1)
-        return self.camera.project(turned)
-
     def process(self, frame: int, features: TrackedFeatures) -> TrackedFrame:
         """Take the next frame of the walk."""
         if not self.started:

@@ -1,0 +1,69 @@
+"""The front end of mapping: the video's frames with their feature tracks, one frame ahead of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.features.tracking import FeatureTracker, TrackedFeatures
+from server.geometry.cameras import Camera
+from server.geometry.two_view import rotation_between
+from server.mapping.video import VideoFrame
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class WalkFrame:
+    """A frame of the walk: its time on the video's clock, seconds, and its tracks.
+
+    ``turn`` (3, 3) is the rotation from the frame before to this one as the tracks show it; it is
+    coarse, but needs no map.
+    """
+
+    time: float
+    features: TrackedFeatures
+    turn: NDArray[np.float64]
+
+
+def follow_features(
+    frames: Iterator[VideoFrame], camera: Camera, tracker: FeatureTracker
+) -> Iterator[WalkFrame]:
+    """Feature tracks of rectified frames of a pinhole camera.
+
+    Decoding and following run in a thread of their own while the caller works on the frame before:
+    both are OpenCV's, which leaves Python's lock to others. What comes out does not depend on timing.
+    """
+    before = WalkFrame(0.0, TrackedFeatures.empty(), np.eye(3))
+
+    def step() -> WalkFrame | None:
+        nonlocal before
+        frame = next(frames, None)
+        if frame is None:
+            return None
+        features = tracker.follow(frame.image, _expected(before, camera))
+        before = WalkFrame(frame.time, features, _turn(before.features, features, camera))
+        return before
+
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="features") as pool:
+        ahead = pool.submit(step)
+        while (current := ahead.result()) is not None:
+            ahead = pool.submit(step)
+            yield current
+
+
+def _expected(frame: WalkFrame, camera: Camera) -> NDArray[np.float64]:
+    """Where the features should be next if the camera goes on turning: the bulk of their motion."""
+    rays = np.column_stack([camera.normalize(frame.features.features.pixels), np.ones(len(frame.features))])
+    turned = rays @ frame.turn.T
+    turned[:, 2] = np.maximum(turned[:, 2], 0.1)
+    return camera.project(turned)
+
+
+def _turn(before: TrackedFeatures, after: TrackedFeatures, camera: Camera) -> NDArray[np.float64]:
+    _, a, b = np.intersect1d(before.track, after.track, assume_unique=True, return_indices=True)
+    return rotation_between(
+        camera.normalize(before.features.pixels[a]), camera.normalize(after.features.pixels[b])
+    )
