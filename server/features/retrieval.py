@@ -60,8 +60,14 @@ class PlaceIndex:
         self._seen_by = keyframe_of[order]
         self._starts = np.searchsorted(landmarks[order], np.arange(len(descriptors) + 1))
 
-    def query(self, descriptors: NDArray[np.uint8], count: int) -> list[PlaceCandidate]:
-        """The ``count`` best keyframes for a picture's descriptors (N, 32), at least ``spread`` apart."""
+    def query(
+        self, descriptors: NDArray[np.uint8], count: int, *, limit: int | None = None
+    ) -> list[PlaceCandidate]:
+        """The ``count`` best keyframes for a picture's descriptors (N, 32), at least ``spread`` apart.
+
+        Args:
+            limit: only keyframes before this one are considered.
+        """
         options = self.options
         if len(descriptors) == 0 or self.keyframes == 0:
             return []
@@ -75,6 +81,7 @@ class PlaceIndex:
         # A landmark seen from everywhere says little about where one is.
         weights = np.repeat(1.0 / np.sqrt(np.maximum(counts, 1)), counts)
         votes = np.bincount(self._seen_by[rows], weights=weights, minlength=self.keyframes)
+        votes[self.keyframes if limit is None else limit :] = 0.0
         pooled = np.convolve(votes, np.ones(2 * options.spread + 1), mode="same")
         candidates: list[PlaceCandidate] = []
         for _ in range(count):

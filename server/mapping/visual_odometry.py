@@ -17,7 +17,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from server.features.matching import match_predicted
+from server.features.matching import match_descriptors, match_predicted
 from server.features.tracking import TrackedFeatures
 from server.geometry.absolute_pose import (
     PoseEstimate,
@@ -45,7 +45,8 @@ class OdometryOptions:
         min_start_shift: median motion of the tracks since the first frame of the start, pixels.
         local_keyframes: keyframes whose landmarks are looked for in a frame.
         window: keyframes adjusted at a new keyframe.
-        min_inliers: 2D-3D inliers below which a frame is not tracked.
+        min_inliers: 2D-3D inliers below which a frame is not tracked; min_recovery: the same
+            after a loss, where nothing else speaks for the pose.
         max_distance: greatest Hamming distance of a match, bits; ratio: Lowe's ratio.
         track_sigma: standard deviation of a followed feature's pixel coordinate.
         keyframe_overlap: a keyframe is made when a frame sees less than this share of the last one's
@@ -67,6 +68,7 @@ class OdometryOptions:
     local_keyframes: int = 15
     window: int = 8
     min_inliers: int = 20
+    min_recovery: int = 35
     max_distance: int = 60
     ratio: float = 0.85
     track_sigma: float = 0.8
@@ -231,6 +233,10 @@ class VisualOdometry:
         if len(features) < options.min_inliers or self._pose is None:
             return None
         followed = self._followed(features)
+        if self._gap > 1 and len(followed.landmark) < options.min_recovery:
+            followed = self._recognised(features)
+            if len(followed.landmark) < options.min_recovery:
+                return None
         rays = self._rays(features)
         guess = self._velocity @ self._pose
         starts = [guess]
@@ -257,7 +263,7 @@ class VisualOdometry:
         if final is None:
             return None
         seen = seen.select(final.inliers[: len(seen.landmark)])
-        if len(seen.landmark) < options.min_inliers:
+        if len(seen.landmark) < (options.min_inliers if self._gap == 1 else options.min_recovery):
             return None
         return final.camera_from_world, seen
 
@@ -267,6 +273,18 @@ class VisualOdometry:
         known = last.matched
         _, a, b = np.intersect1d(last.track[known], features.track, assume_unique=True, return_indices=True)
         return _Correspondences(last.landmark[known][a], b, np.full(len(b), self.options.track_sigma))
+
+    def _recognised(self, features: TrackedFeatures) -> _Correspondences:
+        """After a loss, when no track has survived: landmarks of the last keyframes by their look."""
+        options, m = self.options, self.map
+        last = len(m.keyframes)
+        local = m.seen_by(list(range(max(0, last - options.local_keyframes), last)))
+        look = features.features
+        matches = match_descriptors(
+            look.descriptors, m.descriptor[local], max_distance=options.max_distance, ratio=options.ratio
+        )
+        sigma = options.track_sigma * m.scale_factor ** look.octaves[matches.a].astype(np.float64)
+        return _Correspondences(local[matches.b], matches.a, sigma)
 
     def _rays(self, features: TrackedFeatures) -> _Rays:
         last = self.map.keyframes[-1]

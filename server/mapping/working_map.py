@@ -122,6 +122,34 @@ class WorkingMap:
             seen = kf.matched
             kf.landmark[seen[~self.alive[kf.landmark[seen]]]] = NO_LANDMARK
 
+    def merge(self, old: Ids, new: Ids) -> None:
+        """Let landmarks ``new`` (N,) take over the observations of ``old`` (N,).
+
+        Where a keyframe saw both, the observation of ``new`` stays.
+        """
+        fresh = (old != new) & self.alive[old] & self.alive[new]
+        target = np.arange(len(self))
+        target[old[fresh]] = new[fresh]
+        for kf in self.keyframes:
+            seen = kf.matched
+            ids = kf.landmark[seen]
+            change = target[ids] != ids
+            taken = change & np.isin(target[ids], ids[~change])
+            kf.landmark[seen[taken]] = NO_LANDMARK
+            move = change & ~taken
+            _, first = np.unique(target[ids[move]], return_index=True)
+            rows = seen[move]
+            kf.landmark[rows] = NO_LANDMARK
+            kf.landmark[rows[first]] = target[ids[move]][first]
+        self.recount()
+
+    def recount(self) -> None:
+        """Count observations anew; what fewer than two keyframes see dies."""
+        self.observed = np.zeros(len(self), np.int64)
+        for kf in self.keyframes:
+            np.add.at(self.observed, kf.landmark[kf.matched], 1)
+        self.kill(np.flatnonzero(self.alive & (self.observed < 2)))
+
     def seen_by(self, keyframes: list[int]) -> Ids:
         """Ids of the living landmarks that any of the keyframes sees."""
         if not keyframes:
