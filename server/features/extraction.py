@@ -72,7 +72,7 @@ class OrbOptions:
     count: int = 1500
     fast_threshold: int = 7
     cell: int = 32
-    candidates: int = 5000
+    candidates: int = 12000
 
 
 class OrbExtractor:
@@ -116,6 +116,9 @@ class OrbExtractor:
         # OpenCV multiplies a level's integer-centre pixel by its scale; the level's pixel centres lie
         # half a LEVEL pixel in, so that is the offset that brings every octave to one convention.
         pixels = _points(keypoints).astype(np.float64) + 0.5 * scale[:, None]
+        # It also takes the nominal scale where a level's size was rounded to whole pixels.
+        size = np.array(image.shape[1::-1], dtype=np.float64)
+        pixels *= size / np.round(size / scale[:, None]) / scale[:, None]
         angles = np.deg2rad(np.array([k.angle for k in keypoints], dtype=np.float32))
         return Features(pixels, descriptors, octaves, angles)
 

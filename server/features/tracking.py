@@ -8,6 +8,7 @@ exact to a tenth of a pixel; descriptors stay with the tracks, for finding a pla
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,6 +31,7 @@ class TrackerOptions:
         window: side of the patch that is followed, pixels.
         levels: pyramid levels above the image.
         max_round_trip: a track ends if following it back misses its start by more, pixels.
+        max_difference: or if the patch looks different by more on average, grey levels.
         spacing: new tracks begin at least this far from others, pixels.
         border: tracks end this close to the image's edge, pixels.
     """
@@ -38,6 +40,7 @@ class TrackerOptions:
     window: int = 15
     levels: int = 4
     max_round_trip: float = 0.7
+    max_difference: float = 20.0
     spacing: float = 5.0
     border: float = 4.0
 
@@ -101,14 +104,14 @@ class FeatureTracker:
             return TrackedFeatures.empty()
         start = (before.features.pixels - 0.5).astype(np.float32)[:, None]
         guess = start if predicted is None else (predicted - 0.5).astype(np.float32)[:, None]
-        settings = {
+        settings: dict[str, Any] = {
             "winSize": (options.window, options.window),
             "maxLevel": options.levels,
             "criteria": (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 0.02),
             "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
             "minEigThreshold": 1e-4,
         }
-        there, found, _ = cv2.calcOpticalFlowPyrLK(self._image, image, start, guess.copy(), **settings)
+        there, found, error = cv2.calcOpticalFlowPyrLK(self._image, image, start, guess.copy(), **settings)
         # The way back starts at its expected end: a coarse search would only repeat the way there.
         back, returned, _ = cv2.calcOpticalFlowPyrLK(
             image, self._image, there, start.copy(), **(settings | {"maxLevel": 1})
@@ -120,6 +123,7 @@ class FeatureTracker:
             (found[:, 0] == 1)
             & (returned[:, 0] == 1)
             & (miss < options.max_round_trip)
+            & (error[:, 0] < options.max_difference)
             & (pixels > options.border).all(axis=1)
             & (pixels[:, 0] < width - options.border)
             & (pixels[:, 1] < height - options.border)

@@ -41,7 +41,7 @@ class TwoViewOptions:
     """
 
     max_error: float = 2.0
-    homography_ratio: float = 0.5
+    homography_ratio: float = 0.45
     min_parallax: float = float(np.deg2rad(1.2))
     min_points: int = 60
     ambiguity: float = 0.75

@@ -181,4 +181,4 @@ def _most_central(descriptor: NDArray[np.uint8], landmark: NDArray[np.int64], co
     distance = hamming(descriptor, majority, np.arange(len(descriptor)), landmark.astype(np.intp))
     order = np.lexsort((distance, landmark))
     first = np.concatenate([[True], landmark[order][1:] != landmark[order][:-1]])
-    return order[first]
+    return np.asarray(order[first], dtype=np.intp)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -15,8 +15,10 @@ from server.features.tracking import FeatureTracker, TrackerOptions
 from server.geometry.cameras import Camera, Rectifier
 from server.geometry.poses import SE3
 from server.mapping.assembly import assemble, locate_frames
+from server.mapping.closing import close_map
 from server.mapping.front_end import WalkFrame, follow_features
 from server.mapping.global_refinement import RefinementOptions, refine_globally
+from server.mapping.joining import JoinOptions, join
 from server.mapping.outcome import (
     BuildProgress,
     BuildReport,
@@ -26,7 +28,7 @@ from server.mapping.outcome import (
     ProgressListener,
 )
 from server.mapping.video import FRAME_RATE, UnreadableVideoError, VideoFrame, probe, read_frames
-from server.mapping.visual_odometry import OdometryOptions, VisualOdometry
+from server.mapping.visual_odometry import OdometryOptions, TrackingState, VisualOdometry
 from server.mapping.working_map import WorkingMap
 
 
@@ -36,6 +38,8 @@ class BuildOptions:
 
     Attributes:
         min_frames: frames (10 a second) a walk needs; max_seconds: the longest video taken.
+        restart_after: blind frames after which a new part of the walk is begun; min_keyframes: that a
+            part needs to count.
         min_tracked: share of the frames that must be tracked for a map to be worth having.
         measured_length: length of the walk in metres, if somebody measured it: fixes the scale.
     """
@@ -43,8 +47,11 @@ class BuildOptions:
     extraction: OrbOptions = field(default_factory=OrbOptions)
     tracker: TrackerOptions = field(default_factory=TrackerOptions)
     odometry: OdometryOptions = field(default_factory=OdometryOptions)
+    joining: JoinOptions = field(default_factory=JoinOptions)
     refinement: RefinementOptions = field(default_factory=RefinementOptions)
     min_frames: int = 20
+    restart_after: int = 8
+    min_keyframes: int = 3
     max_seconds: float = 1800.0
     min_tracked: float = 0.7
     measured_length: float | None = None
@@ -151,12 +158,21 @@ class _Walk:
     def __init__(self, camera: Camera, extractor: OrbExtractor, options: BuildOptions) -> None:
         self.options = options
         self.extractor = extractor
-        self.odometry = VisualOdometry(camera, extractor.scale_factor, options.odometry)
+        self.camera = camera
         self.frames: list[WalkFrame] = []
+        self.parts = [self._odometry()]
+        self._blind = 0
+
+    def _odometry(self) -> VisualOdometry:
+        return VisualOdometry(self.camera, self.extractor.scale_factor, self.options.odometry)
 
     def take(self, frame: WalkFrame) -> None:
         self.frames.append(frame)
-        self.odometry.process(len(self.frames) - 1, frame.features)
+        answer = self.parts[-1].process(len(self.frames) - 1, frame.features)
+        self._blind = self._blind + 1 if answer.state is TrackingState.LOST else 0
+        if self._blind >= self.options.restart_after:
+            self.parts.append(self._odometry())
+            self._blind = 0
 
     def finish(self, progress: _Progress) -> BuildResult:
         options = self.options
@@ -167,9 +183,17 @@ class _Walk:
                 f"the video has {len(self.frames)} usable frames; a walk needs at least {options.min_frames}",
                 report,
             )
-        working = self.odometry.map
-        if not self.odometry.started:
+        maps = [part.map for part in self.parts if len(part.map.keyframes) >= options.min_keyframes]
+        if not maps:
             return self._no_start(report)
+        progress(BuildStage.CLOSING, 0.0)
+        working = maps[0]
+        turns = [frame.turn for frame in self.frames]
+        for part in maps[1:]:
+            if not join(working, part, turns, options.joining):
+                blind = tuple(self.frames[m.keyframes[k].frame].time for m, k in ((working, -1), (part, 0)))
+                return self._torn(report, (blind[0], blind[1]))
+        close_map(working, options.joining.revisits)
         progress(BuildStage.REFINING, 0.0)
         refine_globally(working, options.refinement)
         progress(BuildStage.FINISHING, 0.0)
@@ -192,6 +216,14 @@ class _Walk:
         )
         progress(BuildStage.FINISHING, 1.0)
         return BuildResult(BuildStatus.READY, route_map, report)
+
+    def _torn(self, report: BuildReport, blind: tuple[float, float]) -> BuildResult:
+        return _failed(
+            BuildStatus.TRACKING_LOST,
+            f"from {blind[0]:.1f} s to {blind[1]:.1f} s the camera could not be followed, and what comes "
+            "after shows nothing known: record the walk again, more slowly there, and keep detail in view",
+            replace(report, lost=(blind,)),
+        )
 
     def _no_start(self, report: BuildReport) -> BuildResult:
         """Why the odometry never found two views to start from."""

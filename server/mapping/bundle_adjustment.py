@@ -7,6 +7,7 @@ camera-point coupling are dense matrices.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,7 +152,8 @@ def adjust(problem: BundleProblem, *, iterations: int = 6, tolerance: float = 1e
 
 def _grouped(indicator: csr_array, values: Array) -> Array:
     """Sum (M, ...) values by group -> (groups, ...)."""
-    return np.asarray(indicator @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
+    flat = values.reshape(len(values), math.prod(values.shape[1:]))
+    return np.asarray(indicator @ flat).reshape(-1, *values.shape[1:])
 
 
 def _schur_step(

@@ -33,7 +33,7 @@ from server.mapping.route_map import (
 FORMAT_VERSION = 1
 MAX_HEADER_BYTES = 4 << 20
 
-_DTYPES = {
+_DTYPES: dict[str, np.dtype[Any]] = {
     "F64": np.dtype("<f8"),
     "F32": np.dtype("<f4"),
     "I64": np.dtype("<i8"),
@@ -160,7 +160,7 @@ def _checksum(arrays: dict[str, NDArray[Any]]) -> int:
     value = 0
     for name in sorted(arrays):
         value = zlib.crc32(name.encode(), value)
-        value = zlib.crc32(np.ascontiguousarray(arrays[name]).view(np.uint8).reshape(-1), value)
+        value = zlib.crc32(np.ascontiguousarray(arrays[name]).data.cast("B"), value)
     return value
 
 

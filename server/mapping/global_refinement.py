@@ -88,7 +88,7 @@ def _adjust(working: WorkingMap, options: RefinementOptions) -> None:
     adjustment.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     adjustment.ceres.loss_function_scale = options.loss_scale
     adjustment.ceres.solver_options.max_num_iterations = options.max_iterations
-    adjustment.ceres.solver_options.function_tolerance = 1e-5
+    adjustment.ceres.solver_options.function_tolerance = 1e-6
     adjustment.ceres.solver_options.num_threads = options.threads
     pycolmap.bundle_adjustment(reconstruction, adjustment)
     for k, kf in enumerate(working.keyframes):

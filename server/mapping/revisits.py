@@ -159,6 +159,7 @@ def _verify(
 def _guided(keyframe: Keyframe, earlier: WorkingMap, local: Ids, pose: SE3) -> tuple[SE3, Ids, Ids] | None:
     """Pose, landmarks and features after matching all that the pose predicts."""
     features = keyframe.features
+    found: tuple[SE3, Ids, Ids] | None = None
     for _ in range(2):
         points = pose @ earlier.position[local]
         front = points[:, 2] > 1e-3
@@ -190,7 +191,8 @@ def _guided(keyframe: Keyframe, earlier: WorkingMap, local: Ids, pose: SE3) -> t
         if estimate is None:
             return None
         pose = estimate.camera_from_world
-    return pose, landmark[estimate.inliers], matches.b[estimate.inliers]
+        found = pose, landmark[estimate.inliers], matches.b[estimate.inliers]
+    return found
 
 
 def _agreeing(found: list[Revisit], later: WorkingMap, options: RevisitOptions) -> list[Revisit]:

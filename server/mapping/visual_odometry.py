@@ -359,7 +359,7 @@ class VisualOdometry:
             m.descriptor[ids],
             look.pixels[free],
             look.descriptors[free],
-            radius=4.0 * m.scale_factor ** np.clip(octave, 0, 4),
+            radius=4.0 * m.scale_factor ** np.clip(octave, 0, 4).astype(np.float64),
             max_distance=options.max_distance,
             ratio=options.ratio,
             predicted_octaves=octave,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from server.features.extraction import Features
 from server.geometry.absolute_pose import projection_jacobian
 from server.geometry.cameras import Camera
-from server.geometry.poses import SE3
+from server.geometry.poses import SE3, Sim3
 from server.mapping.bundle_adjustment import BundleProblem, adjust
 
 Array = NDArray[np.float64]
@@ -122,6 +122,26 @@ class WorkingMap:
             seen = kf.matched
             kf.landmark[seen[~self.alive[kf.landmark[seen]]]] = NO_LANDMARK
 
+    def absorb(self, other: WorkingMap, self_from_other: Sim3) -> int:
+        """Take all of another map, mapped by a similarity; returns the offset of its landmarks' ids.
+
+        Its keyframes must be of later frames.
+        """
+        offset, keyframes = len(self), len(self.keyframes)
+        self.position = np.concatenate([self.position, self_from_other @ other.position])
+        self.descriptor = np.concatenate([self.descriptor, other.descriptor])
+        self.distance = np.concatenate([self.distance, self_from_other.scale * other.distance])
+        self.octave = np.concatenate([self.octave, other.octave])
+        self.observed = np.concatenate([self.observed, other.observed])
+        self.born = np.concatenate([self.born, other.born + keyframes])
+        self.alive = np.concatenate([self.alive, other.alive])
+        self.covariance = np.concatenate([self.covariance, other.covariance])
+        for kf in other.keyframes:
+            pose = self_from_other.transform_pose(kf.camera_from_world.inverse()).inverse()
+            landmark = np.where(kf.landmark >= 0, kf.landmark + offset, NO_LANDMARK)
+            self.keyframes.append(replace(kf, camera_from_world=pose, landmark=landmark))
+        return offset
+
     def merge(self, old: Ids, new: Ids) -> None:
         """Let landmarks ``new`` (N,) take over the observations of ``old`` (N,).
 
@@ -156,12 +176,12 @@ class WorkingMap:
             return np.zeros(0, np.intp)
         parts = [self.keyframes[k].landmark[self.keyframes[k].matched] for k in keyframes]
         ids = np.unique(np.concatenate(parts))
-        return ids[self.alive[ids]]
+        return np.asarray(ids[self.alive[ids]])
 
     def predicted_octave(self, landmarks: Ids, depth: Array) -> NDArray[np.int64]:
         """Pyramid level at which landmarks (N,) should appear at distances (N,)."""
         shift = np.log(self.distance[landmarks] / np.maximum(depth, 1e-9)) / np.log(self.scale_factor)
-        return np.round(self.octave[landmarks] + shift).astype(np.int64)
+        return np.asarray(np.round(self.octave[landmarks] + shift).astype(np.int64), dtype=np.intp)
 
     def update_covariances(self, keyframes: list[int]) -> None:
         """Covariances of all landmarks the keyframes see, from these observations, poses taken as known.
@@ -190,7 +210,7 @@ class WorkingMap:
         """Bundle-adjust the given keyframes and all they see; drop what does not fit.
 
         Other keyframes that see the same landmarks take part but stay in place; without any, the
-        first two of the window do, which fixes the frame and the scale.
+        first two of the window do, which fixes the frame and the scale. Of a window of two the first does.
         """
         landmarks = self.seen_by(free)
         if len(landmarks) < 10:
@@ -207,6 +227,7 @@ class WorkingMap:
         window = sorted(free_set | set(fixed))
         held = set(fixed)
         if len(held) < 2:
+            # Two views alone: one stays free, or nothing would move; damping keeps the scale.
             held |= set(window[: min(2, len(window) - 1)])
         row_of = np.full(len(self), -1, np.intp)
         row_of[landmarks] = np.arange(len(landmarks))

@@ -12,9 +12,9 @@ from server.features.extraction import OrbExtractor, OrbOptions
 from server.geometry.cameras import Camera, Rectifier
 from server.geometry.poses import SE3
 from server.mapping.route_map import RouteMap
-from server.navigation.guidance import Guidance, GuidanceOptions, Guide, Progress
+from server.navigation.guidance import GuidanceOptions, Guide, Progress
 from server.navigation.relocalizer import Relocalizer, RelocalizerOptions
-from server.navigation.updates import Fix, NavigationState, Refusal, Update
+from server.navigation.updates import Fix, Guidance, NavigationState, Refusal, Update
 
 
 @dataclass(frozen=True, slots=True)
