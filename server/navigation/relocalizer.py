@@ -32,12 +32,17 @@ class EvidenceNeeded:
     Attributes:
         inliers: matches that agree with it.
         cells: of 8 x 6 image cells, how many must hold one: a single poster is no place.
+        precision: least share of the landmarks matched near their prediction that agree: at a wrong
+            pose chance matches are as many as ever, and few of them agree.
         sigma: greatest standard deviation of the camera centre over the median depth.
+        reach: share of a follower's possible motion since the last fix that is believed.
     """
 
     inliers: int
     cells: int
+    precision: float
     sigma: float
+    reach: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +55,8 @@ class RelocalizerOptions:
         max_distance, ratio: of a match without prediction, bits and Lowe's ratio.
         guided_distance, guided_ratio, guided_radius: of a match near its predicted pixel;
             remeasure: angle by which refinement may move the view before the search is repeated, radians.
-        max_error: RANSAC's inlier threshold, pixels.
+        max_error: RANSAC's inlier threshold, pixels; pixel_sigma: standard deviation of a pixel coordinate
+            at octave 0, the map's own errors and a phone's rough intrinsics included.
         min_features: features below which a picture shows too little.
         alone: evidence a picture needs by itself; expected: and where an expected pose agrees with it.
         speed, turn_rate: how fast a follower moves, map units and radians a second; slack_length,
@@ -67,9 +73,10 @@ class RelocalizerOptions:
     guided_radius: float = 8.0
     remeasure: float = 0.006
     max_error: float = 5.0
+    pixel_sigma: float = 1.5
     min_features: int = 30
-    alone: EvidenceNeeded = field(default_factory=lambda: EvidenceNeeded(40, 10, 0.012))
-    expected: EvidenceNeeded = field(default_factory=lambda: EvidenceNeeded(18, 7, 0.025))
+    alone: EvidenceNeeded = field(default_factory=lambda: EvidenceNeeded(30, 12, 0.5, 0.009))
+    expected: EvidenceNeeded = field(default_factory=lambda: EvidenceNeeded(20, 8, 0.45, 0.015, reach=0.5))
     speed: float = 3.0
     turn_rate: float = math.radians(150.0)
     slack_length: float = 0.6
@@ -145,10 +152,14 @@ class Relocalizer:
         if prior is not None:
             best = self._try(features, camera, self.nearest_keyframe(prior))
             if best is not None:
-                if self._enough(best, options.alone) and self._reachable(best, prior, elapsed):
-                    return self._fix(best, strong=True)
-                if trusted and self._enough(best, options.expected) and self._reachable(best, prior, elapsed):
-                    return self._fix(best, strong=False)
+                for needed, strong in ((options.alone, True), (options.expected, False)):
+                    admitted = strong or trusted
+                    if (
+                        admitted
+                        and self._enough(best, needed)
+                        and self._reachable(best, prior, elapsed, needed)
+                    ):
+                        return self._fix(best, strong=strong)
         candidates = self._places.query(features.descriptors, options.candidates)
         for candidate in candidates:
             evidence = self._try(features, camera, candidate.keyframe)
@@ -176,17 +187,19 @@ class Relocalizer:
         return (
             evidence.inliers >= needed.inliers
             and evidence.cells >= needed.cells
+            and evidence.inliers >= needed.precision * evidence.matches
             and evidence.sigma <= needed.sigma
         )
 
-    def _reachable(self, evidence: Evidence, prior: SE3, elapsed: float) -> bool:
+    def _reachable(self, evidence: Evidence, prior: SE3, elapsed: float, needed: EvidenceNeeded) -> bool:
         """Whether a follower can have come from the last fix to this pose."""
         options = self.options
         pose = evidence.estimate.camera_from_world.inverse()
         moved = float(np.linalg.norm(pose.translation - prior.translation))
         # Where the leader crept, the unit is short: the depth of the scene bounds a step as well.
         length = max(options.slack_length, 0.3 * evidence.depth) + options.speed * elapsed
-        return moved <= length and pose.angle_to(prior) <= options.slack_angle + options.turn_rate * elapsed
+        angle = options.slack_angle + options.turn_rate * elapsed
+        return moved <= needed.reach * length and pose.angle_to(prior) <= needed.reach * angle
 
     def _fix(self, evidence: Evidence, *, strong: bool) -> Fix:
         return Fix(
@@ -282,7 +295,8 @@ class Relocalizer:
         )
         if len(matches) < 8:
             return None
-        sigmas = self.scale_factor ** features.octaves[matches.b].astype(np.float64)
+        octaves = features.octaves[matches.b].astype(np.float64)
+        sigmas = options.pixel_sigma * self.scale_factor**octaves
         chosen = local[matches.a]
         estimate = refine_pose(
             pose, self._position[chosen], features.pixels[matches.b], sigmas, camera, anneal=(2.0, 1.0)

@@ -22,7 +22,8 @@ class NavigationOptions:
     """Settings of :class:`NavigationSession`.
 
     Attributes:
-        prior_seconds: how long a fix tells where to look next.
+        prior_seconds: how long a fix tells where to look next; trust_seconds: how long a fix that the
+            picture alone proved lets expected poses pass on less.
         guidance_seconds: how long guidance holds without a new fix.
         lost_seconds: how long without a fix until the follower counts as lost.
     """
@@ -31,6 +32,7 @@ class NavigationOptions:
     relocalizer: RelocalizerOptions = field(default_factory=RelocalizerOptions)
     guidance: GuidanceOptions = field(default_factory=GuidanceOptions)
     prior_seconds: float = 1.5
+    trust_seconds: float = 3.0
     guidance_seconds: float = 1.5
     lost_seconds: float = 3.0
 
@@ -136,7 +138,7 @@ class NavigationSession:
         features = self._extractor.extract(rectified)
         since_fix = capture_time - memory.fix_time
         prior = memory.world_from_camera if abs(since_fix) <= self.options.prior_seconds else None
-        trusted = prior is not None and capture_time - memory.trusted_time <= self.options.prior_seconds
+        trusted = prior is not None and capture_time - memory.trusted_time <= self.options.trust_seconds
         answer = self._relocalizer.locate(
             features, self._rectifier.target, prior, elapsed=max(since_fix, 0.0), trusted=trusted
         )
