@@ -8,6 +8,8 @@ from server.protocol.messages import GuidanceMessage, NextTurnMessage, UpdateMes
 
 _SHARP = math.radians(120)
 _SLIGHT = math.radians(40)
+_NOW = 2.5
+"""Seconds to a turn from which it is just ahead."""
 
 
 def sentence(update: UpdateMessage) -> str:
@@ -45,6 +47,8 @@ def _turn(turn: NextTurnMessage) -> str:
     if turn.distance_m is not None:
         distance = max(1, round(turn.distance_m))
         return f"Then turn {adverb}{side} in {distance} m."
+    if turn.seconds < _NOW:
+        return f"Turn {adverb}{side} just ahead."
     seconds = 5 * max(1, round(turn.seconds / 5))
     return f"Then turn {adverb}{side} in about {seconds} seconds."
 

@@ -90,6 +90,8 @@ def _adjust(working: WorkingMap, options: RefinementOptions) -> None:
     adjustment.ceres.solver_options.max_num_iterations = options.max_iterations
     adjustment.ceres.solver_options.function_tolerance = 1e-6
     adjustment.ceres.solver_options.num_threads = options.threads
+    # Information and warnings of the solver are about its own steps; what counts is checked below.
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
     pycolmap.bundle_adjustment(reconstruction, adjustment)
     for k, kf in enumerate(working.keyframes):
         refined = reconstruction.image(k + 1).cam_from_world()

@@ -23,15 +23,16 @@ class GuidanceOptions:
     Attributes:
         waypoints: whose average is the temporary destination; spacing: their distance on the route.
         straight: bearing up to which the instruction is straight, radians; around: from which it is to
-            turn around.
+            turn around; hysteresis: by which either is exceeded before the instruction changes.
         arrival: length of route left at which the follower has arrived.
-        reach: how far progress may move at once, besides pace: units a second since the last fix.
+        reach: how far progress may move at once; pace: and besides, for every second since the last fix.
         jump_after: fixes in a row that must agree before progress jumps further than that.
     """
 
     waypoints: int = 10
     spacing: float = 0.3
     straight: float = math.radians(20.0)
+    hysteresis: float = math.radians(4.0)
     around: float = math.radians(130.0)
     arrival: float = 1.0
     reach: float = 2.0
@@ -65,6 +66,7 @@ class Guide:
         self._time = np.asarray(path.time)
         self._arc = np.asarray(path.arc_length)
         self._position = smoothed(np.asarray(path.position), self._time)
+        self._onward = self._last_direction()
         self._forward = rotation_from_quaternion(path.quaternion)[:, :, 2]
 
     @property
@@ -98,19 +100,17 @@ class Guide:
         """Whether the route is walked to its end."""
         return self.length - progress.length <= self.options.arrival
 
-    def guide(self, world_from_camera: SE3, progress: Progress) -> Guidance:
-        """What to do at a pose (Pair-Navi, section IV-A: the average of the next poses is the aim)."""
-        options = self.options
+    def guide(
+        self, world_from_camera: SE3, progress: Progress, before: Instruction | None = None
+    ) -> Guidance:
+        """What to do at a pose (Pair-Navi, section IV-A: the average of the next poses is the aim).
+
+        Args:
+            before: the last instruction; it stays until the bearing is clearly another one.
+        """
         remaining = max(0.0, self.length - progress.length)
         bearing = self._bearing(world_from_camera, progress.length)
-        if self.arrived(progress):
-            instruction = Instruction.ARRIVED
-        elif abs(bearing) <= options.straight:
-            instruction = Instruction.STRAIGHT
-        elif abs(bearing) >= options.around:
-            instruction = Instruction.TURN_AROUND
-        else:
-            instruction = Instruction.LEFT if bearing > 0 else Instruction.RIGHT
+        instruction = Instruction.ARRIVED if self.arrived(progress) else self._instruction(bearing, before)
         now = self._leader_time(progress.length)
         return Guidance(
             progress=progress.length / self.length if self.length > 0 else 1.0,
@@ -122,17 +122,44 @@ class Guide:
             next_turn=self._next_turn(progress.length, now),
         )
 
+    def _instruction(self, bearing: float, before: Instruction | None) -> Instruction:
+        options = self.options
+        straight, around = options.straight, options.around
+        if before is Instruction.STRAIGHT:
+            straight += options.hysteresis
+        elif before is Instruction.TURN_AROUND:
+            around -= options.hysteresis
+        elif before is not None:
+            straight -= options.hysteresis
+            around += options.hysteresis
+        if abs(bearing) <= straight:
+            return Instruction.STRAIGHT
+        if abs(bearing) >= around:
+            return Instruction.TURN_AROUND
+        return Instruction.LEFT if bearing > 0 else Instruction.RIGHT
+
+    def _last_direction(self) -> Array:
+        """Unit direction (3,) in which the route ends, from its last unit of length."""
+        begin = int(np.searchsorted(self._arc, self._arc[-1] - 1.0))
+        step = self._position[-1] - self._position[min(begin, len(self._position) - 2)]
+        return np.asarray(step / max(float(np.linalg.norm(step)), 1e-9))
+
     def _leader_time(self, length: float) -> float:
         return float(np.interp(length, self._arc, self._time))
 
     def _at(self, lengths: Array) -> Array:
-        return np.stack([np.interp(lengths, self._arc, self._position[:, i]) for i in range(3)], axis=1)
+        """Points (N, 3) of the route at arc lengths (N,); beyond its end it goes straight on.
+
+        Without that the points would crowd at the destination, and a step beside it turn the aim around.
+        """
+        on_route = np.stack([np.interp(lengths, self._arc, self._position[:, i]) for i in range(3)], axis=1)
+        return on_route + np.maximum(lengths - self.length, 0.0)[:, None] * self._onward
 
     def _bearing(self, world_from_camera: SE3, length: float) -> float:
         """Angle from the view to the temporary destination about the vertical, positive to the left."""
         options = self.options
-        ahead = length + options.spacing * np.arange(1, options.waypoints + 1)
-        aim = self._at(np.minimum(ahead, self.length)).mean(axis=0) - world_from_camera.translation
+        ahead = length + options.spacing * np.arange(1.0, options.waypoints + 1.0)
+        aim = self._at(ahead).mean(axis=0) - world_from_camera.translation
         view = world_from_camera.rotation[:, 2]
         if np.hypot(view[0], view[1]) < 0.1:
             # The phone looks at the floor or the ceiling: its upper edge shows where it points.

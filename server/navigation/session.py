@@ -14,7 +14,7 @@ from server.geometry.poses import SE3
 from server.mapping.route_map import RouteMap
 from server.navigation.guidance import GuidanceOptions, Guide, Progress
 from server.navigation.relocalizer import Relocalizer, RelocalizerOptions
-from server.navigation.updates import Fix, Guidance, NavigationState, Refusal, Update
+from server.navigation.updates import Fix, Guidance, Instruction, NavigationState, Refusal, Update
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +44,9 @@ class SessionSnapshot:
     Attributes:
         state: of the last update.
         quaternion, position: world_from_camera of the last fix; fix_time: its capture time, seconds.
+        trusted_time: capture time of the last fix that the picture alone proved, seconds.
         progress: along the route.
-        guidance: the last one given.
+        instruction: the last one given.
     """
 
     state: NavigationState = NavigationState.SEARCHING
@@ -54,6 +55,7 @@ class SessionSnapshot:
     fix_time: float = 0.0
     trusted_time: float = -1e9
     progress: Progress | None = None
+    instruction: Instruction | None = None
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON values."""
@@ -66,6 +68,7 @@ class SessionSnapshot:
             "progress": None
             if self.progress is None
             else [self.progress.length, self.progress.time, self.progress.jumps],
+            "instruction": None if self.instruction is None else str(self.instruction),
         }
 
     @staticmethod
@@ -76,6 +79,7 @@ class SessionSnapshot:
             ValueError, KeyError, TypeError: not such a document.
         """
         q, p, progress = document["quaternion"], document["position"], document["progress"]
+        instruction = document["instruction"]
         return SessionSnapshot(
             state=NavigationState(document["state"]),
             quaternion=None if q is None else (float(q[0]), float(q[1]), float(q[2]), float(q[3])),
@@ -85,6 +89,7 @@ class SessionSnapshot:
             progress=None
             if progress is None
             else Progress(float(progress[0]), float(progress[1]), int(progress[2])),
+            instruction=None if instruction is None else Instruction(instruction),
         )
 
     @property
@@ -162,7 +167,7 @@ class NavigationSession:
         pose, memory = fix.world_from_camera, self._memory
         progress = self._guide.locate(pose, time, memory.progress)
         state = NavigationState.ARRIVED if self._guide.arrived(progress) else NavigationState.ON_ROUTE
-        self._guidance = self._guide.guide(pose, progress)
+        self._guidance = self._guide.guide(pose, progress, memory.instruction)
         q, p = pose.quaternion, pose.translation
         self._memory = SessionSnapshot(
             state=state,
@@ -171,6 +176,7 @@ class NavigationSession:
             fix_time=time,
             trusted_time=time if fix.strong else memory.trusted_time,
             progress=progress,
+            instruction=self._guidance.instruction,
         )
         return Update(sequence, time, state, fix, None, self._guidance)
 
