@@ -92,8 +92,8 @@ def save_route_map(route_map: RouteMap, path: Path) -> None:
             {"metres_per_unit": route_map.scale.metres_per_unit, "source": str(route_map.scale.source)}
         ),
         "turns": json.dumps([[t.start, t.end, t.angle] for t in route_map.turns]),
-        "checksum": str(_checksum(arrays)),
     }
+    metadata["checksum"] = str(_checksum(arrays, metadata))
     data = save(arrays, metadata)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
@@ -128,7 +128,7 @@ def load_route_map(path: Path, *, verify: bool = True) -> RouteMap:
         header = json.loads(header_bytes)
         metadata = header.pop("__metadata__")
         kind, version = metadata["format"], int(metadata["version"])
-    except (ValueError, KeyError, AttributeError, TypeError):
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
         raise CorruptRouteMapError("the header of the file cannot be read") from None
     if kind != "pairnavi-route-map":
         raise CorruptRouteMapError("the file is no route map")
@@ -138,10 +138,10 @@ def load_route_map(path: Path, *, verify: bool = True) -> RouteMap:
         )
     try:
         arrays = _map_arrays(path, header, 8 + length, size)
-        if verify and _checksum(arrays) != int(metadata["checksum"]):
+        if verify and _checksum(arrays, metadata) != int(metadata["checksum"]):
             raise CorruptRouteMapError("the checksum of the map does not fit: the file is damaged")
         return _route_map(arrays, metadata)
-    except (KeyError, TypeError, ValueError, InvalidCameraError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, InvalidCameraError) as error:
         if isinstance(error, RouteMapFileError):
             raise
         raise CorruptRouteMapError(f"the map is damaged: {error}") from None
@@ -156,11 +156,12 @@ def _little_endian(array: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
 
 
-def _checksum(arrays: dict[str, NDArray[Any]]) -> int:
-    value = 0
+def _checksum(arrays: dict[str, NDArray[Any]], metadata: dict[str, str]) -> int:
+    described = {name: text for name, text in metadata.items() if name != "checksum"}
+    value = zlib.crc32(json.dumps(described, sort_keys=True).encode())
     for name in sorted(arrays):
         value = zlib.crc32(name.encode(), value)
-        value = zlib.crc32(np.ascontiguousarray(arrays[name]).data.cast("B"), value)
+        value = zlib.crc32(np.ascontiguousarray(arrays[name]).reshape(-1).view(np.uint8), value)
     return value
 
 
