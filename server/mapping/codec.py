@@ -161,7 +161,7 @@ def _checksum(arrays: dict[str, NDArray[Any]], metadata: dict[str, str]) -> int:
     value = zlib.crc32(json.dumps(described, sort_keys=True).encode())
     for name in sorted(arrays):
         value = zlib.crc32(name.encode(), value)
-        value = zlib.crc32(np.ascontiguousarray(arrays[name]).reshape(-1).view(np.uint8), value)
+        value = zlib.crc32(np.ascontiguousarray(arrays[name]).reshape(-1).view(np.uint8).data, value)
     return value
 
 

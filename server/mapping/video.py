@@ -60,13 +60,10 @@ def _open(path: Path) -> cv2.VideoCapture:
     if not path.is_file() or path.stat().st_size == 0:
         raise UnreadableVideoError("the file is empty or missing")
     with path.open("rb") as file:
-        if b"#EXTM3U" in file.read(64) or path.suffix.lower() in {
-            ".m3u8",
-            ".mpd",
-            ".sdp",
-            ".txt",
-            ".ffconcat",
-        }:
+        head = file.read(4096)
+        text = any(mark in head for mark in (b"#EXTM3U", b"#EXTINF", b"<MPD"))
+        text = text or head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith((b"ffconcat", b"<?xml", b"v=0"))
+        if text or path.suffix.lower() in {".m3u8", ".mpd", ".sdp", ".txt", ".ffconcat"}:
             # A playlist would make the decoder open whatever it names.
             raise UnreadableVideoError("the file is a playlist, not a video")
     capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
