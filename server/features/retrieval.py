@@ -81,8 +81,10 @@ class PlaceIndex:
         # A landmark seen from everywhere says little about where one is.
         weights = np.repeat(1.0 / np.sqrt(np.maximum(counts, 1)), counts)
         votes = np.bincount(self._seen_by[rows], weights=weights, minlength=self.keyframes)
-        votes[self.keyframes if limit is None else limit :] = 0.0
-        pooled = np.convolve(votes, np.ones(2 * options.spread + 1), mode="same")
+        limit = self.keyframes if limit is None else limit
+        votes[limit:] = 0.0
+        pooled = np.convolve(votes, np.ones(2 * options.spread + 1))[options.spread :][: self.keyframes]
+        pooled[limit:] = 0.0
         candidates: list[PlaceCandidate] = []
         for _ in range(count):
             best = int(np.argmax(pooled))
