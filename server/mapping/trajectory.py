@@ -64,8 +64,11 @@ def smoothed(positions: Array, times: Array, seconds: float = 0.4) -> Array:
     """Positions (F, 3) low-passed over ``seconds`` (one standard deviation); steps are about 2 Hz."""
     if len(positions) < 3:
         return positions
-    period = float(np.median(np.diff(times)))
-    return np.asarray(gaussian_filter1d(positions, seconds / max(period, 1e-3), axis=0, mode="nearest"))
+    sigma = seconds / max(float(np.median(np.diff(times))), 1e-3)
+    half = int(4.0 * sigma + 0.5)
+    # Mirrored through its ends, so that they stay where they are.
+    padded = np.pad(positions, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
+    return np.asarray(gaussian_filter1d(padded, sigma, axis=0, mode="nearest")[half : half + len(positions)])
 
 
 def find_turns(
