@@ -8,7 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from server.geometry.cameras import Camera
 from server.geometry.poses import SE3, rotation_angle
-from server.geometry.two_view import TwoView, TwoViewModel, TwoViewOptions, relative_pose
+from server.geometry.two_view import (
+    TwoView,
+    TwoViewModel,
+    TwoViewOptions,
+    relative_pose,
+    rotation_between,
+)
 
 CAMERA = Camera.pinhole(640, 480, 500.0, 500.0, 320.0, 240.0)
 TURN = Rotation.from_rotvec([0.03, -0.08, 0.02]).as_matrix()
@@ -114,3 +120,41 @@ def test_too_few_pairs_give_no_motion() -> None:
     a, b, _ = _seen(_deep(rng, 59), MOTION, rng)
     assert relative_pose(a, b, CAMERA, TwoViewOptions()) is None
     assert relative_pose(a, b, CAMERA, TwoViewOptions(min_points=40)) is not None
+
+
+def _rays(points: np.ndarray) -> np.ndarray:
+    return np.asarray(points[:, :2] / points[:, 2:])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_turn_is_read_off_the_rays_alone(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turn = Rotation.from_rotvec(rng.normal(scale=0.15, size=3)).as_matrix()
+    points = _deep(rng, 200)
+    a, b = _rays(points), _rays(points @ turn.T)
+    np.testing.assert_allclose(rotation_between(a, b), turn, atol=1e-9)
+    noisy = rotation_between(
+        a + rng.normal(scale=0.5 / 500, size=a.shape), b + rng.normal(scale=0.5 / 500, size=b.shape)
+    )
+    assert np.degrees(rotation_angle(noisy.T @ turn)) < 0.05
+    assert np.linalg.det(noisy) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_does_not_turn_along_hardly_counts(seed: int) -> None:
+    """A step while turning: far points turn, the near third shifts by several degrees; a tenth is wrong."""
+    rng = np.random.default_rng(seed)
+    turn = Rotation.from_rotvec([0.01, 0.12, 0.0]).as_matrix()
+    points = _deep(rng, 300) * np.where(np.arange(300) % 3, 5.0, 0.5)[:, None]
+    a, b = _rays(points), _rays(points @ turn.T + np.array([0.1, 0.0, 0.02]))
+    b[::10] = rng.uniform(-0.6, 0.6, (30, 2))
+    robust = np.degrees(rotation_angle(rotation_between(a, b).T @ turn))
+    plain = np.degrees(rotation_angle(rotation_between(a, b, rounds=1).T @ turn))
+    assert robust < 0.5
+    assert robust < 0.6 * plain
+
+
+def test_a_turn_of_too_few_rays_is_none() -> None:
+    rays = np.random.default_rng(1).uniform(-0.5, 0.5, (4, 2))
+    np.testing.assert_array_equal(rotation_between(rays, rays[::-1]), np.eye(3))
+    np.testing.assert_array_equal(rotation_between(np.zeros((0, 2)), np.zeros((0, 2))), np.eye(3))
