@@ -87,7 +87,7 @@ class OrbExtractor:
 
     def __init__(self, options: OrbOptions | None = None) -> None:
         self.options = options or OrbOptions()
-        self._orb = cv2.ORB_create(  # type: ignore[attr-defined]
+        self._orb = cv2.ORB.create(
             nfeatures=self.options.candidates,
             scaleFactor=self.scale_factor,
             nlevels=self.levels,
@@ -120,7 +120,7 @@ class OrbExtractor:
         size = np.array(image.shape[1::-1], dtype=np.float64)
         pixels *= size / np.round(size / scale[:, None]) / scale[:, None]
         angles = np.deg2rad(np.array([k.angle for k in keypoints], dtype=np.float32))
-        return Features(pixels, descriptors, octaves, angles)
+        return Features(pixels, np.asarray(descriptors, dtype=np.uint8), octaves, angles)
 
 
 def _points(keypoints: Sequence[cv2.KeyPoint]) -> NDArray[np.float32]:

@@ -228,7 +228,7 @@ class _Walk:
     def _no_start(self, report: BuildReport) -> BuildResult:
         """Why the odometry never found two views to start from."""
         counts = np.array([len(f.features) for f in self.frames])
-        if np.median(counts) < self.options.odometry.two_view.min_points:
+        if np.median(counts) < self.options.odometry.start.two_view.min_points:
             return _failed(
                 BuildStatus.NO_TEXTURE,
                 "the pictures show too little to go by: blank walls, darkness or a covered lens",

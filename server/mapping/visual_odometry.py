@@ -28,8 +28,8 @@ from server.geometry.absolute_pose import (
 from server.geometry.cameras import Camera
 from server.geometry.poses import SE3
 from server.geometry.triangulation import triangulate
-from server.geometry.two_view import TwoViewOptions, relative_pose
-from server.mapping.working_map import NO_LANDMARK, Keyframe, WorkingMap
+from server.mapping.initialization import StartOptions, StartOutcome, start_map
+from server.mapping.working_map import Keyframe, WorkingMap
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.intp]
@@ -40,9 +40,7 @@ class OdometryOptions:
     """Settings of :class:`VisualOdometry`.
 
     Attributes:
-        two_view: how a start is found.
-        start_patience: frames after which a new first frame of the start is chosen.
-        min_start_shift: median motion of the tracks since the first frame of the start, pixels.
+        start: how a start is found.
         local_keyframes: keyframes whose landmarks are looked for in a frame.
         window: keyframes adjusted at a new keyframe.
         min_inliers: 2D-3D inliers below which a frame is not tracked; min_recovery: the same
@@ -62,9 +60,7 @@ class OdometryOptions:
         prior_translation: how much a walker's step changes, as a share of its length.
     """
 
-    two_view: TwoViewOptions = field(default_factory=TwoViewOptions)
-    start_patience: int = 20
-    min_start_shift: float = 8.0
+    start: StartOptions = field(default_factory=StartOptions)
     local_keyframes: int = 15
     window: int = 8
     min_inliers: int = 20
@@ -181,51 +177,21 @@ class VisualOdometry:
             self._velocity = SE3(motion.rotation, 0.5 * (self._velocity.translation + motion.translation))
         self._gap = 1
 
-    # --- start -----------------------------------------------------------------------------------
-
     def _start(self, frame: int, features: TrackedFeatures) -> TrackedFrame:
-        options = self.options
-        if self._first is None or frame - self._first[0] > options.start_patience:
+        patience = self.options.start.patience
+        if self._first is None or frame - self._first[0] > patience:
             self._first = (frame, features)
             return TrackedFrame(TrackingState.STARTING)
-        first_frame, first = self._first
-        _, a, b = np.intersect1d(first.track, features.track, assume_unique=True, return_indices=True)
-        if len(a) < options.two_view.min_points:
+        outcome = start_map(
+            self.map, self._first, (frame, features), self.options.track_sigma, self.options.start
+        )
+        if outcome is StartOutcome.NOTHING_IN_COMMON:
             self._first = (frame, features)
+        if outcome is not StartOutcome.STARTED:
             return TrackedFrame(TrackingState.STARTING)
-        pixels_a, pixels_b = first.features.pixels[a], features.features.pixels[b]
-        if np.median(np.linalg.norm(pixels_b - pixels_a, axis=1)) < options.min_start_shift:
-            return TrackedFrame(TrackingState.STARTING)
-        view = relative_pose(pixels_a, pixels_b, self.camera, options.two_view)
-        if view is None:
-            return TrackedFrame(TrackingState.STARTING)
-        good = view.valid
-        # Unit of length: the median depth of the start is one.
-        unit = float(np.median(view.points[good, 2]))
-        second = SE3(view.b_from_a.rotation, view.b_from_a.translation / unit)
-        for index, seen, pose in ((first_frame, first, SE3.identity()), (frame, features, second)):
-            self.map.keyframes.append(self._keyframe(index, seen, pose))
-        ids = self.map.add_landmarks(view.points[good] / unit, 1, b[good])
-        self.map.observe(0, a[good], ids)
-        self.map.observe(1, b[good], ids)
-        self.map.adjust_window([0, 1], iterations=10)
-        self.map.update_covariances([0, 1])
         self._pose = self.map.keyframes[1].camera_from_world
         self._gap = 1
         return TrackedFrame(TrackingState.TRACKED, self._pose, int(self.map.alive.sum()), True)
-
-    def _keyframe(self, frame: int, features: TrackedFeatures, pose: SE3) -> Keyframe:
-        count = len(features)
-        return Keyframe(
-            frame=frame,
-            features=features.features,
-            camera_from_world=pose,
-            sigma=np.full(count, self.options.track_sigma),
-            track=features.track,
-            landmark=np.full(count, NO_LANDMARK),
-        )
-
-    # --- tracking --------------------------------------------------------------------------------
 
     def _track(self, features: TrackedFeatures) -> tuple[SE3, _Correspondences] | None:
         """The frame's pose and the 2D-3D inliers it rests on."""
@@ -370,8 +336,6 @@ class VisualOdometry:
         sigma = options.track_sigma * m.scale_factor ** look.octaves[feature].astype(np.float64)
         return _Correspondences(ids[matches.a], feature, sigma)
 
-    # --- mapping ---------------------------------------------------------------------------------
-
     def _needs_keyframe(self, frame: int, features: TrackedFeatures, seen: _Correspondences) -> bool:
         options = self.options
         reference = self.map.keyframes[-1]
@@ -386,7 +350,7 @@ class VisualOdometry:
         return bool(np.median(shift) > options.keyframe_shift)
 
     def _add_keyframe(self, frame: int, features: TrackedFeatures, pose: SE3, seen: _Correspondences) -> None:
-        keyframe = self._keyframe(frame, features, pose)
+        keyframe = Keyframe.of(frame, features, pose, self.options.track_sigma)
         keyframe.sigma[seen.feature] = seen.sigma
         self.map.keyframes.append(keyframe)
         new = len(self.map.keyframes) - 1

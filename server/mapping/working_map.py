@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.features.extraction import Features
+from server.features.tracking import TrackedFeatures
 from server.geometry.absolute_pose import projection_jacobian
 from server.geometry.cameras import Camera
 from server.geometry.poses import SE3, Sim3
@@ -37,6 +38,19 @@ class Keyframe:
     sigma: Array
     track: Ids
     landmark: Ids
+
+    @staticmethod
+    def of(frame: int, features: TrackedFeatures, camera_from_world: SE3, sigma: float) -> Keyframe:
+        """A keyframe that sees no landmark yet, all its pixels equally exact."""
+        count = len(features)
+        return Keyframe(
+            frame=frame,
+            features=features.features,
+            camera_from_world=camera_from_world,
+            sigma=np.full(count, sigma),
+            track=features.track,
+            landmark=np.full(count, NO_LANDMARK),
+        )
 
     @property
     def centre(self) -> Array:

@@ -170,7 +170,10 @@ class Relocalizer:
         if best is None:
             return Refusal(RefusalReason.NO_SIMILAR_PLACE)
         if not self._enough(best, options.alone):
-            return Refusal(RefusalReason.TOO_FEW_INLIERS, best.inliers)
+            few = best.inliers < options.alone.inliers
+            # Enough matches that agree but lie in one corner, or far away, leave the pose open.
+            reason = RefusalReason.TOO_FEW_INLIERS if few else RefusalReason.AMBIGUOUS
+            return Refusal(reason, best.inliers)
         return self._fix(best, strong=True)
 
     def nearest_keyframe(self, world_from_camera: SE3) -> int:

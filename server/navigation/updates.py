@@ -27,7 +27,6 @@ class RefusalReason(StrEnum):
     NO_SIMILAR_PLACE = "no_similar_place"
     TOO_FEW_INLIERS = "too_few_inliers"
     AMBIGUOUS = "ambiguous"
-    INCONSISTENT = "inconsistent"
 
 
 class Instruction(StrEnum):
