@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+from demo_route import DemoRoute, build_demo_route
 
 
 @pytest.fixture(scope="session")
@@ -19,3 +20,9 @@ def recorded_data() -> Path:
             pytest.fail(reason)
         pytest.skip(reason)
     return folder
+
+
+@pytest.fixture(scope="session")
+def demo_route(tmp_path_factory: pytest.TempPathFactory) -> DemoRoute:
+    """The demo's two walks, rendered once, and the map of the leader's, built once (about 30 s)."""
+    return build_demo_route(tmp_path_factory.mktemp("demo"))
