@@ -11,6 +11,8 @@ from pathlib import Path
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from server.navigation.frames import MAX_PIXELS
+
 
 class Settings(BaseSettings):
     """Sizes in bytes, times in seconds.
@@ -53,7 +55,7 @@ class Settings(BaseSettings):
     maps_per_process: int = Field(default=4, ge=1)
     max_sessions: int = Field(default=64, ge=1)
     max_frame_bytes: int = Field(default=2 << 20, gt=0)
-    max_pixels: int = Field(default=16_000_000, gt=0)
+    max_pixels: int = Field(default=MAX_PIXELS, gt=0)
     max_message_bytes: int = Field(default=64 << 10, gt=0)
     max_frames_per_second: float = Field(default=30.0, gt=0)
     max_messages_per_second: float = Field(default=10.0, gt=0)

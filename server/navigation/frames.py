@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-MAX_PIXELS = 8_300_000
-"""Largest picture taken: 4K. A phone sends far less; a bomb claims far more."""
+MAX_PIXELS = 16_000_000
+"""Largest picture taken unless told otherwise. A phone sends far less; a bomb claims far more."""
 
 
 class BadFrameError(ValueError):
@@ -42,7 +42,7 @@ def jpeg_size(payload: bytes) -> tuple[int, int]:
 
 
 def decode_frame(payload: bytes, *, max_pixels: int = MAX_PIXELS) -> NDArray[np.uint8]:
-    """Grey image (H, W) of a JPEG, upright by its EXIF orientation.
+    """Grey image (H, W) of a JPEG as its pixels lie: an EXIF orientation is not looked at.
 
     The size is read before anything is decoded, so that a small file cannot fill the memory.
 
@@ -53,7 +53,9 @@ def decode_frame(payload: bytes, *, max_pixels: int = MAX_PIXELS) -> NDArray[np.
     if not (width >= 16 and height >= 16 and width * height <= max_pixels):
         raise BadFrameError(f"a frame of {width}x{height} pixels is not taken; at most {max_pixels} pixels")
     try:
-        image = cv2.imdecode(np.frombuffer(payload, np.uint8), cv2.IMREAD_GRAYSCALE)
+        image = cv2.imdecode(
+            np.frombuffer(payload, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+        )
     except cv2.error:
         image = None
     if image is None:
