@@ -26,6 +26,7 @@ _DOMAIN_STATUS = {
     "cursor_invalid": HTTPStatus.UNPROCESSABLE_ENTITY,
     "upload_too_large": HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
     "upload_incomplete": HTTPStatus.BAD_REQUEST,
+    "map_unusable": HTTPStatus.FAILED_DEPENDENCY,
     "busy": HTTPStatus.SERVICE_UNAVAILABLE,
 }
 

@@ -61,7 +61,7 @@ class CursorInvalidError(DomainError):
 
 
 class MapUnusableError(DomainError):
-    """The stored map cannot be read: it is damaged or of another version."""
+    """The stored map cannot be read: it is gone, damaged or of another version."""
 
     code = "map_unusable"
 

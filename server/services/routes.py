@@ -16,6 +16,7 @@ from server.queues.jobs import BuildJob, JobQueue
 from server.services.errors import (
     CameraInvalidError,
     CursorInvalidError,
+    MapUnusableError,
     RouteNotFoundError,
     RouteNotReadyError,
     RouteStateError,
@@ -23,7 +24,7 @@ from server.services.errors import (
     UploadTooLargeError,
 )
 from server.storage.database import Database, UnitOfWork
-from server.storage.objects import ObjectStore, ObjectTooLargeError
+from server.storage.objects import ObjectMissingError, ObjectStore, ObjectTooLargeError
 from server.storage.records import ACCEPTS_UPLOADS, RouteRecord, RouteState
 
 log = structlog.get_logger()
@@ -215,6 +216,7 @@ class RouteService:
 
         Raises:
             RouteNotReadyError: there is none yet.
+            MapUnusableError: it is gone from the store.
         """
         return await self._download(route, route.map_key)
 
@@ -222,13 +224,17 @@ class RouteService:
         """The route's path document, JSON.
 
         Raises:
-            RouteNotReadyError: there is none yet.
+            RouteNotReadyError, MapUnusableError: as in :meth:`map_file`.
         """
         return await self._download(route, route.path_key)
 
     async def _download(self, route: RouteRecord, key: str | None) -> Download:
         key = require_ready(route, key)
-        return Download(await self._store.size(key), self._store.read(key))
+        try:
+            return Download(await self._store.size(key), self._store.read(key))
+        except ObjectMissingError:
+            log.error("route.file_missing", route=str(route.id), key=key)
+            raise MapUnusableError("the route's map file is gone: create another route") from None
 
 
 def require_ready(route: RouteRecord, key: str | None) -> str:

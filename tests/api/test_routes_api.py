@@ -118,6 +118,14 @@ async def test_routes_are_listed_in_pages_newest_first(data: Path) -> None:
         assert seen == made[::-1]
 
 
+async def test_a_map_whose_file_is_gone_is_unusable(shared: Service) -> None:
+    route_id = await shared.ready_route()
+    await shared.parts.store.delete(await shared.parts.store.keys(f"routes/{route_id}"))
+    for document in ("map", "path"):
+        response = await shared.http.get(f"/v1/routes/{route_id}/{document}")
+        assert_problem(response, 424, "map_unusable")
+
+
 async def test_every_refusal_is_a_problem_document(shared: Service) -> None:
     http = shared.http
     unknown = f"/v1/routes/{uuid4()}"
