@@ -146,6 +146,7 @@ class NavigationConnection:
         route = await self._route(owner, route_id)
         attachment = self._attachment
         session, resumed = await self._session(owner, route, hello, attachment)
+        may_resume = True
         try:
             session.clock.observe(hello.clock_us, _now_us())
             try:
@@ -156,9 +157,12 @@ class NavigationConnection:
                     self._navigation.end(session)
                 raise
             await self._navigate(session)
+        except EndConnection as end:
+            may_resume = end.close.may_resume
+            raise
         finally:
             self._mailbox.close()
-            self._navigation.detach(session, attachment)
+            self._navigation.detach(session, attachment, may_resume=may_resume)
 
     async def _hello(self) -> Hello:
         try:

@@ -229,9 +229,15 @@ class NavigationService:
         log.info("session.resumed", session=session.id, route=str(route_id))
         return session
 
-    def detach(self, session: LiveSession, attachment: Attachment) -> None:
-        """The connection is gone: the session waits for a while. Nothing if another one has it."""
+    def detach(self, session: LiveSession, attachment: Attachment, *, may_resume: bool = True) -> None:
+        """The connection is gone: the session waits for a while, or ends if it may not be resumed.
+
+        Nothing if another connection has it.
+        """
         if session.attachment is not attachment or session.id not in self._sessions:
+            return
+        if not may_resume:
+            self.end(session)
             return
         session.attachment = None
         loop = asyncio.get_running_loop()

@@ -139,9 +139,12 @@ async def test_what_is_not_the_protocol_ends_the_connection(
     shared: Service, route: str, message: bytes | str, code: str, close: CloseCode
 ) -> None:
     async with shared.connect(route) as socket:
-        await hello(socket)
+        welcome = await hello(socket)
         await socket.send(message)
         await refused(socket, code, close)
+    assert not close.may_resume
+    async with shared.connect(route) as socket:
+        assert not (await hello(socket, resume_token=welcome.resume_token)).resumed
 
 
 @pytest.mark.parametrize(
