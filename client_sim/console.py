@@ -56,21 +56,36 @@ async def lead_with_progress(
 
 @dataclass(slots=True)
 class HintPrinter:
-    """Prints an update's sentence when it is another than the last."""
+    """Prints an update's sentence when it is another than the last and has stood for a moment.
+
+    A walker swaying at the edge of a turn would otherwise be told both, again and again. Arrival is
+    told at once.
+    """
 
     console: Console
     last: str = field(default="", init=False)
+    _candidate: str = field(default="", init=False)
+    _since: float = field(default=0.0, init=False)
 
     def __call__(self, record: FrameRecord, update: UpdateMessage) -> None:
-        """Say it if it is new."""
+        """Say it if it is new and steady."""
         hint = sentence(update)
-        if hint == self.last:
+        if hint != self._candidate:
+            self._candidate, self._since = hint, record.video_time
+        steady = record.video_time - self._since >= STEADY_S or not self.last or update.state == "arrived"
+        if hint == self.last or not steady:
             return
         self.last = hint
-        left = "" if update.guidance is None else f"  [dim]{remaining(update.guidance)}[/dim]"
+        left = ""
+        if update.guidance is not None and update.state != "arrived":
+            left = f"  [dim]{remaining(update.guidance)}[/dim]"
         style = _STYLES.get(update.state, "")
         text = f"[{style}]{hint}[/{style}]" if style else hint
         self.console.print(f"[dim]{record.video_time:6.1f} s[/dim]  {text}{left}")
+
+
+STEADY_S = 0.3
+"""Seconds a new sentence must stand before it is said."""
 
 
 async def follow_with_hints(

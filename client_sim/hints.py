@@ -16,14 +16,15 @@ def sentence(update: UpdateMessage) -> str:
     """What a person is told; the same sentence as before need not be said again."""
     if update.state == "arrived":
         return "You have arrived."
-    if update.guidance is None:
-        if update.state == "searching":
+    if update.guidance is not None:
+        return _instruction(update.guidance)
+    match update.state:
+        case "searching":
             return "Looking for the route: point the phone forward and turn slowly."
-        return "The route is out of sight: go back to where you last saw it."
-    hint = _instruction(update.guidance)
-    if update.state == "lost":
-        return f"Not sure where you are. Last known: {hint[0].lower()}{hint[1:]}"
-    return hint
+        case "lost":
+            return "The route is out of sight: go back to where you last saw it."
+        case _:
+            return "Hold the phone up, pointing forward."
 
 
 def _instruction(guidance: GuidanceMessage) -> str:

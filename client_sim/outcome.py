@@ -59,7 +59,7 @@ class FollowSummary:
         lost: reasons and numbers of those without an update.
         age_p50_ms, age_p95_ms: from taking a picture to its update's arrival; None without updates.
         progress: of the last guidance, 0 to 1; None if there never was any.
-        arrived: the service said so.
+        arrived: the last update said so.
         reconnections: after lost connections.
     """
 
@@ -108,7 +108,7 @@ class FollowOutcome:
             age_p50_ms=_percentile(ages, 50),
             age_p95_ms=_percentile(ages, 95),
             progress=guided[-1].progress if guided else None,
-            arrived=any(u.state == "arrived" for u in updates),
+            arrived=bool(updates) and updates[-1].state == "arrived",
             reconnections=self.reconnections,
             seconds=self.seconds,
         )

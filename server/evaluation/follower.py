@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.evaluation.camera_offset import apply_offset
-from server.evaluation.hints import hint_truth, judge_hints
+from server.evaluation.hints import AHEAD_M, hint_truth, judge_hints
 from server.evaluation.leader import LeaderJudgement
 from server.evaluation.report import FollowerReport, Latency, Spread
 from server.evaluation.walk import Trajectory, Walk
@@ -116,11 +116,13 @@ def judge_follower(
     counted = np.isfinite(error) & on_route
     relocalized = float(fixed[on_route].mean()) if on_route.any() else 0.0
     latency = np.array([answer.latency_ms for answer in answers])
+    arrived_at = np.array([answer.update.state is NavigationState.ARRIVED for answer in answers])
     agreement, straight, hint_frames = None, None, {}
+    premature = int(arrived_at.sum()) if wrong_building else 0
     if not wrong_building:
-        hints = judge_hints(
-            hint_truth(leader.truth, truth), [answer.update.guidance for answer in answers], on_route
-        )
+        true_hints = hint_truth(leader.truth, truth)
+        premature = int((arrived_at & (true_hints.remaining > AHEAD_M[1])).sum())
+        hints = judge_hints(true_hints, [answer.update.guidance for answer in answers], on_route)
         agreement, straight, hint_frames = hints.agreement, hints.always_straight, hints.frames
     states = Counter(str(answer.update.state) for answer in answers)
     refusals = Counter(str(a.update.refusal.reason) for a in answers if a.update.refusal is not None)
@@ -141,7 +143,8 @@ def judge_follower(
         off_route_fixes=int((fixed & ~on_route).sum()),
         refusals=dict(sorted(refusals.items())),
         states=dict(sorted(states.items())),
-        arrived=states[str(NavigationState.ARRIVED)] > 0,
+        arrived=bool(arrived_at[-1]) if count else False,
+        premature_arrivals=premature,
         wrong_building=wrong_building,
     )
     return FollowerJudgement(report, truth, on_route, position, error, turned, absolute, false, latency)

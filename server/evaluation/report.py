@@ -100,6 +100,8 @@ class FollowerReport:
         off_route_frames, off_route_fixes: frames away from the route, and how many of them got a fix.
         refusals: frames refused, by reason.
         states: frames by the session's state.
+        arrived: the last frame's state is arrived.
+        premature_arrivals: frames told they have arrived while more than 3 m of the route were left.
         wrong_building: the walk is in another world than the leader's.
     """
 
@@ -120,6 +122,7 @@ class FollowerReport:
     refusals: Mapping[str, int] = field(default_factory=dict)
     states: Mapping[str, int] = field(default_factory=dict)
     arrived: bool = False
+    premature_arrivals: int = 0
     wrong_building: bool = False
 
 

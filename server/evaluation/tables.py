@@ -61,6 +61,7 @@ def _follower_table(followers: tuple[FollowerReport, ...]) -> Table:
         ("hint agreement", [_number(f.hint_agreement) for f in followers]),
         ("  always straight", [_number(f.hint_always_straight) for f in followers]),
         ("arrived", ["yes" if f.arrived else "no" for f in followers]),
+        ("  told so too early", [str(f.premature_arrivals) for f in followers]),
         ("latency ms: p50 / p95 / p99", [_latency(f) for f in followers]),
         ("refusals", [_refusals(f) for f in followers]),
     ]

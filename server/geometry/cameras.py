@@ -48,7 +48,7 @@ class Camera:
         params: as :data:`PARAMETER_NAMES` lists them, pixels for focal lengths and centre.
 
     Raises:
-        InvalidCameraError: wrong number of parameters, or values no real camera has.
+        InvalidCameraError: wrong number of parameters, or one that is no finite number.
     """
 
     model: CameraModel
@@ -64,6 +64,13 @@ class Camera:
             )
         if not all(math.isfinite(p) for p in self.params):
             raise InvalidCameraError("camera parameters must be finite numbers")
+
+    def check(self) -> None:
+        """Refuse values that no real camera has: for descriptions that come from outside.
+
+        Raises:
+            InvalidCameraError: what is wrong, and what was expected.
+        """
         if not (16 <= self.width <= 16384 and 16 <= self.height <= 16384):
             raise InvalidCameraError(f"image size {self.width}x{self.height} is outside 16..16384")
         size = max(self.width, self.height)
@@ -101,7 +108,9 @@ class Camera:
             raise InvalidCameraError(
                 f"camera description not understood: {error}; models: {', '.join(CameraModel)}"
             ) from None
-        return Camera(model, width, height, params)
+        camera = Camera(model, width, height, params)
+        camera.check()
+        return camera
 
     def to_json(self) -> dict[str, Any]:
         """The inverse of :meth:`from_json`."""

@@ -23,21 +23,27 @@ class GuidanceOptions:
     Attributes:
         waypoints: whose average is the temporary destination; spacing: their distance on the route.
         straight: bearing up to which the instruction is straight, radians; around: from which it is to
-            turn around; hysteresis: by which either is exceeded before the instruction changes.
+            turn around; hysteresis: by how much less a turn that has been told goes on.
         arrival: length of route left at which the follower has arrived.
         reach: how far progress may move at once; pace: and besides, for every second since the last fix.
-        jump_after: fixes in a row that must agree before progress jumps further than that.
+        jump_seconds: how long fixes must speak for a place out of reach before progress jumps there.
+        as_good, slack: a place fits about as well as the best one up to ``as_good`` times its cost plus
+            ``slack``, map units.
+        heading: what facing the other way costs, map units.
     """
 
     waypoints: int = 10
     spacing: float = 0.3
     straight: float = math.radians(20.0)
-    hysteresis: float = math.radians(4.0)
+    hysteresis: float = math.radians(5.0)
     around: float = math.radians(130.0)
     arrival: float = 1.0
     reach: float = 2.0
     pace: float = 3.0
-    jump_after: int = 5
+    jump_seconds: float = 2.0
+    as_good: float = 1.5
+    slack: float = 0.5
+    heading: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +53,12 @@ class Progress:
     Attributes:
         length: arc length from the start, map units.
         time: of the fix it rests on, seconds.
-        jumps: fixes in a row that spoke for a place out of reach.
+        doubted: time of the first of the fixes since then that spoke for a place out of reach, or None.
     """
 
     length: float
     time: float
-    jumps: int = 0
+    doubted: float | None = None
 
 
 class Guide:
@@ -77,24 +83,35 @@ class Guide:
     def locate(self, world_from_camera: SE3, time: float, before: Progress | None) -> Progress:
         """Progress of a follower with a pose, in the light of where they were before.
 
-        A route may cross itself or end where it starts. Near the last progress is preferred; a place
-        out of reach is believed only when several fixes in a row speak for it.
+        A route may cross itself or end where it starts. The first fix is taken for the earliest stretch
+        that fits about as well as the best: whoever begins is at the beginning. After that a place
+        within reach is preferred, and one out of reach is believed only when fixes speak for it for a
+        while: as long as :attr:`Progress.doubted` says so, the last progress is no guide to the pose.
         """
         options = self.options
         offset = self._position - world_from_camera.translation
         facing = self._forward @ world_from_camera.rotation[:, 2]
-        cost = np.linalg.norm(offset, axis=1) + 0.5 * (1.0 - facing)
-        best = int(np.argmin(cost))
+        cost = np.linalg.norm(offset, axis=1) + 0.5 * options.heading * (1.0 - facing)
+        enough = options.as_good * cost.min() + options.slack
         if before is None:
-            return Progress(float(self._arc[best]), time)
+            return Progress(self._earliest(cost, enough), time)
         reach = options.reach + options.pace * max(0.0, time - before.time)
         near = np.flatnonzero(np.abs(self._arc - before.length) <= reach)
-        here = int(near[np.argmin(cost[near])]) if len(near) else best
-        if cost[here] <= 1.5 * cost[best] + 0.5:
-            return Progress(float(self._arc[here]), time)
-        if before.jumps + 1 >= options.jump_after:
-            return Progress(float(self._arc[best]), time)
-        return Progress(before.length, before.time, before.jumps + 1)
+        if len(near):
+            here = int(near[np.argmin(cost[near])])
+            if cost[here] <= enough:
+                return Progress(float(self._arc[here]), time)
+        doubted = time if before.doubted is None else before.doubted
+        if time - doubted >= options.jump_seconds:
+            return Progress(self._earliest(cost, enough), time)
+        return Progress(before.length, before.time, doubted)
+
+    def _earliest(self, cost: Array, enough: float) -> float:
+        """Arc length of the best place in the first stretch of the route that costs at most ``enough``."""
+        fits = np.flatnonzero(cost <= enough)
+        breaks = np.flatnonzero(np.diff(fits) > 1)
+        stretch = fits[: breaks[0] + 1] if len(breaks) else fits
+        return float(self._arc[stretch[np.argmin(cost[stretch])]])
 
     def arrived(self, progress: Progress) -> bool:
         """Whether the route is walked to its end."""
@@ -125,13 +142,10 @@ class Guide:
     def _instruction(self, bearing: float, before: Instruction | None) -> Instruction:
         options = self.options
         straight, around = options.straight, options.around
-        if before is Instruction.STRAIGHT:
-            straight += options.hysteresis
+        if before in (Instruction.LEFT, Instruction.RIGHT):
+            straight -= options.hysteresis
         elif before is Instruction.TURN_AROUND:
             around -= options.hysteresis
-        elif before is not None:
-            straight -= options.hysteresis
-            around += options.hysteresis
         if abs(bearing) <= straight:
             return Instruction.STRAIGHT
         if abs(bearing) >= around:
@@ -167,9 +181,9 @@ class Guide:
         return float(np.arctan2(view[0] * aim[1] - view[1] * aim[0], view[0] * aim[0] + view[1] * aim[1]))
 
     def _next_turn(self, length: float, now: float) -> NextTurn | None:
+        """The first turn still ahead; of one that has begun the instruction speaks."""
         for turn in self._turns:
-            if turn.start >= length or turn.end - length > 0.5 * (turn.end - turn.start):
-                distance = max(0.0, turn.start - length)
+            if turn.start > length:
                 seconds = max(0.0, self._leader_time(turn.start) - now)
-                return NextTurn(turn.angle, self._scale.metres(distance), seconds)
+                return NextTurn(turn.angle, self._scale.metres(turn.start - length), seconds)
         return None

@@ -50,7 +50,8 @@ class RelocalizerOptions:
     """Settings of :class:`Relocalizer`.
 
     Attributes:
-        candidates: keyframes tried when there is no prior.
+        retrieval: of the place index.
+        candidates: keyframes tried when there is no prior, or what was expected is not seen.
         reach: keyframes on either side of a candidate whose landmarks are matched.
         max_distance, ratio: of a match without prediction, bits and Lowe's ratio.
         guided_distance, guided_ratio, guided_radius: of a match near its predicted pixel;

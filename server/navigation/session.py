@@ -22,9 +22,10 @@ class NavigationOptions:
     """Settings of :class:`NavigationSession`.
 
     Attributes:
+        extraction, relocalizer, guidance: settings of the parts.
         prior_seconds: how long a fix tells where to look next; trust_seconds: how long a fix that the
             picture alone proved lets expected poses pass on less.
-        guidance_seconds: how long guidance holds without a new fix.
+        guidance_seconds: how long guidance holds without a new fix: shorter than a turn takes.
         lost_seconds: how long without a fix until the follower counts as lost.
     """
 
@@ -33,7 +34,7 @@ class NavigationOptions:
     guidance: GuidanceOptions = field(default_factory=GuidanceOptions)
     prior_seconds: float = 1.5
     trust_seconds: float = 3.0
-    guidance_seconds: float = 1.5
+    guidance_seconds: float = 0.75
     lost_seconds: float = 3.0
 
 
@@ -67,7 +68,7 @@ class SessionSnapshot:
             "trusted_time": self.trusted_time,
             "progress": None
             if self.progress is None
-            else [self.progress.length, self.progress.time, self.progress.jumps],
+            else [self.progress.length, self.progress.time, self.progress.doubted],
             "instruction": None if self.instruction is None else str(self.instruction),
         }
 
@@ -88,7 +89,9 @@ class SessionSnapshot:
             trusted_time=float(document["trusted_time"]),
             progress=None
             if progress is None
-            else Progress(float(progress[0]), float(progress[1]), int(progress[2])),
+            else Progress(
+                float(progress[0]), float(progress[1]), None if progress[2] is None else float(progress[2])
+            ),
             instruction=None if instruction is None else Instruction(instruction),
         )
 
@@ -165,9 +168,15 @@ class NavigationSession:
 
     def _fixed(self, fix: Fix, time: float, sequence: int) -> Update:
         pose, memory = fix.world_from_camera, self._memory
-        progress = self._guide.locate(pose, time, memory.progress)
-        state = NavigationState.ARRIVED if self._guide.arrived(progress) else NavigationState.ON_ROUTE
-        self._guidance = self._guide.guide(pose, progress, memory.instruction)
+        # A clock that was set back says nothing about how far the follower may have come.
+        known = memory.progress if time >= memory.fix_time - self.options.prior_seconds else None
+        progress = self._guide.locate(pose, time, known)
+        doubtful = progress.doubted is not None
+        state = NavigationState.ON_ROUTE
+        if not doubtful and self._guide.arrived(progress):
+            state = NavigationState.ARRIVED
+        # In doubt about where on the route the pose is, nothing is said rather than something false.
+        self._guidance = None if doubtful else self._guide.guide(pose, progress, memory.instruction)
         q, p = pose.quaternion, pose.translation
         self._memory = SessionSnapshot(
             state=state,
@@ -176,7 +185,7 @@ class NavigationSession:
             fix_time=time,
             trusted_time=time if fix.strong else memory.trusted_time,
             progress=progress,
-            instruction=self._guidance.instruction,
+            instruction=memory.instruction if self._guidance is None else self._guidance.instruction,
         )
         return Update(sequence, time, state, fix, None, self._guidance)
 

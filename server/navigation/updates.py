@@ -112,8 +112,9 @@ class Update:
 
     Attributes:
         sequence, capture_time: of the frame, echoed (time in seconds on the phone's clock).
-        guidance: None until the route has been found once; while frames are refused, the last one
-            for as long as it may still be trusted.
+        guidance: None until the route has been found once, and while it is in doubt which part of the
+            route a fix belongs to; while frames are refused, the last one for as long as it may still
+            be trusted.
     """
 
     sequence: int

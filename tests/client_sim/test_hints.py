@@ -45,7 +45,7 @@ def guidance(
         ("on_route", guidance("turn_around"), "Turn around."),
         ("on_route", guidance("straight"), "Go straight on to the destination."),
         ("arrived", guidance("straight"), "You have arrived."),
-        ("lost", guidance("left"), "Not sure where you are. Last known: turn left."),
+        ("on_route", None, "Hold the phone up, pointing forward."),
         (
             "on_route",
             guidance("straight", NextTurnMessage(angle=1.5, distance_m=7.6, seconds=9)),

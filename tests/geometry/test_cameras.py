@@ -196,7 +196,7 @@ def test_impossible_cameras_are_refused(
     model: CameraModel, size: tuple[int, int], params: tuple[float, ...], complaint: str
 ) -> None:
     with pytest.raises(InvalidCameraError, match=complaint):
-        Camera(model, *size, params)
+        Camera(model, *size, params).check()
 
 
 @pytest.mark.parametrize(

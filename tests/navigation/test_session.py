@@ -262,13 +262,13 @@ def test_states_follow_what_is_seen(demo_route: DemoRoute, frames: list[VideoFra
     for k in range(3, 8):
         show(frames[k].image, 0.1 * k)
     assert told[3:] == [(NavigationState.ON_ROUTE, True)] * 5
-    # Guidance holds 1.5 s, the state 3 s without a fix.
+    # Guidance holds 0.75 s, the state 3 s without a fix.
     for k in range(8, 45):
         show(BLIND, 0.1 * k)
     states, guided = zip(*told[8:], strict=True)
     without = 0.1 * np.arange(8, 45) - 0.7
     np.testing.assert_array_equal([s is NavigationState.LOST for s in states], without > 3.0 + 1e-9)
-    np.testing.assert_array_equal(guided, without <= 1.5 + 1e-9)
+    np.testing.assert_array_equal(guided, without <= 0.75)
     show(frames[45].image, 4.5)
     assert told[-1] == (NavigationState.ON_ROUTE, True)
 
