@@ -13,6 +13,12 @@ from numpy.typing import NDArray
 FRAME_RATE = 10.0
 """Frames a second that mapping and navigation use (Pair-Navi, section IV-A)."""
 
+MAX_PIXELS = 7680 * 4320
+"""Largest picture of a video that is decoded."""
+
+_MP4_ATOMS = {b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot"}
+_CONTAINER_MARKS = (b"\x1aE\xdf\xa3", b"RIFF", b"OggS", b"FLV")
+
 
 class UnreadableVideoError(ValueError):
     """The file is no video that can be decoded, or holds no picture."""
@@ -60,12 +66,12 @@ def _open(path: Path) -> cv2.VideoCapture:
     if not path.is_file() or path.stat().st_size == 0:
         raise UnreadableVideoError("the file is empty or missing")
     with path.open("rb") as file:
-        head = file.read(4096)
-        text = any(mark in head for mark in (b"#EXTM3U", b"#EXTINF", b"<MPD"))
-        text = text or head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith((b"ffconcat", b"<?xml", b"v=0"))
-        if text or path.suffix.lower() in {".m3u8", ".mpd", ".sdp", ".txt", ".ffconcat"}:
-            # A playlist would make the decoder open whatever it names.
-            raise UnreadableVideoError("the file is a playlist, not a video")
+        head = file.read(16)
+    if not (head[4:8] in _MP4_ATOMS or head.startswith(_CONTAINER_MARKS)):
+        # Only containers are opened: a playlist would make the decoder open whatever it names.
+        raise UnreadableVideoError(
+            "the file is no MP4, MOV, WebM, MKV or AVI video; a playlist is not followed"
+        )
     capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not capture.isOpened():
         capture.release()
@@ -89,6 +95,8 @@ def probe(path: Path) -> VideoProperties:
         capture.release()
     if width < 16 or height < 16:
         raise UnreadableVideoError("the video has no pictures of a usable size")
+    if width * height > MAX_PIXELS:
+        raise UnreadableVideoError(f"a video of {width}x{height} is not taken; at most 8K (7680x4320) is")
     return VideoProperties(width, height, frames, rate if 0 < rate < 1000 else 0.0, turns)
 
 

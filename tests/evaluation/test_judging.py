@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ import pytest
 from server.evaluation.camera_offset import apply_offset, estimate_offset
 from server.evaluation.follower import FollowerJudgement, judge_follower
 from server.evaluation.leader import LeaderJudgement, judge_leader
-from server.evaluation.report import Latency, RouteReport, Spread
+from server.evaluation.report import FollowerReport, Latency, RouteReport, Spread
 from server.evaluation.walk import Trajectory
 from server.geometry.poses import SE3, Sim3, rotation_angle, rotation_from_vector
+from server.navigation.updates import NavigationState
 from tests.evaluation.worlds import answers_of, figures, into_map, l_shape, map_of, walk_of
 
 MAP_FROM_WORLD = Sim3(0.21, rotation_from_vector([1.0, 0.2, -0.7]), np.array([3.0, 1.0, -4.0]))
@@ -105,6 +107,26 @@ def test_frames_off_the_route_do_not_count_but_their_false_fixes_do() -> None:
     assert report.relocalized_fraction == pytest.approx((len(truth) - 11) / (len(truth) - 10))
     assert report.position_error_m.max == pytest.approx(0.0, abs=1e-7)
     assert report.refusals == {"too_few_inliers": 6}
+
+
+def test_an_arrival_before_the_end_is_counted_and_only_the_last_state_arrives() -> None:
+    truth = l_shape()
+    poses = into_map(truth, MAP_FROM_WORLD)
+
+    def judged(*arrived: int) -> FollowerReport:
+        answers = [
+            replace(answer, update=replace(answer.update, state=NavigationState.ARRIVED))
+            if row in arrived
+            else answer
+            for row, answer in enumerate(answers_of(poses))
+        ]
+        return judge_follower(walk_of(truth), _leader(truth), walk_of(truth, "follower"), answers).report
+
+    last = len(truth) - 1
+    early = judged(3, 4, 5)
+    assert (early.arrived, early.premature_arrivals) == (False, 3)
+    proper = judged(last - 2, last - 1, last)
+    assert (proper.arrived, proper.premature_arrivals) == (True, 0)
 
 
 def test_every_fix_in_a_wrong_building_is_false() -> None:
