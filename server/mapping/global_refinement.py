@@ -97,7 +97,9 @@ def _adjust(working: WorkingMap, options: RefinementOptions) -> None:
         refined = reconstruction.image(k + 1).cam_from_world()
         kf.camera_from_world = SE3.from_quaternion(refined.rotation.quat, refined.translation)
     for point_id, landmark in identity.items():
-        working.position[landmark] = reconstruction.point3D(point_id).xyz
+        # Points behind their cameras are gone from the solver's model; they are dropped as outliers here.
+        if reconstruction.exists_point3D(point_id):
+            working.position[landmark] = reconstruction.point3D(point_id).xyz
 
 
 def _drop_outliers(working: WorkingMap, max_error: float) -> None:
