@@ -208,7 +208,7 @@ class NavigationConnection:
                 "the service cannot find out a camera's intrinsics by itself yet: send them",
             )
         try:
-            camera = self._navigation.check_camera(hello.camera.model_dump())
+            camera = await self._navigation.check_camera(hello.camera.model_dump(), hello.orientation)
             if hello.resume_token is not None:
                 session = self._navigation.resume(
                     hello.resume_token, owner, route.id, camera, hello.orientation, attachment
@@ -321,7 +321,13 @@ class NavigationConnection:
             await self._complain(
                 ErrorCode.UNSUPPORTED_FRAME_TYPE, f"frame type {frame.type} is not known", frame.sequence
             )
-        elif not session.accepts(frame.sequence, frame.capture_time_us):
+            return
+        try:
+            in_order = session.accepts(frame.sequence, frame.capture_time_us, received_us)
+        except FrameRefusedError as error:
+            await self._complain(ErrorCode.BAD_FRAME, error.detail, frame.sequence)
+            return
+        if not in_order:
             await self._complain(
                 ErrorCode.STALE_FRAME,
                 f"frame {frame.sequence} came after {session.last_sequence}, or its time went back",

@@ -13,8 +13,8 @@ from uuid import UUID, uuid4
 
 import structlog
 
-from server.geometry.cameras import Camera, InvalidCameraError
 from server.navigation.updates import Update
+from server.services.cameras import usable_camera
 from server.services.errors import CameraInvalidError, DomainError, TooManySessionsError
 from server.services.phone_clock import PhoneClock
 
@@ -25,6 +25,10 @@ class FrameRefusedError(DomainError):
     """The payload is no picture of the session's camera. The session goes on."""
 
     code = "bad_frame"
+
+
+_MAX_AHEAD_US = 3_600_000_000
+"""How far a capture time may be ahead of the phone's clock: more is a wrong time, no wrong estimate."""
 
 
 class FrameLostError(DomainError):
@@ -116,9 +120,21 @@ class LiveSession:
     attachment: Attachment | None = None
     expiry: asyncio.TimerHandle | None = None
 
-    def accepts(self, sequence: int, capture_time_us: int) -> bool:
-        """Take note of a frame; False if it is out of order or came before."""
+    def accepts(self, sequence: int, capture_time_us: int, now_us: int) -> bool:
+        """Take note of a frame that comes at ``now_us`` of the service's clock.
+
+        Returns:
+            False if it is out of order or came before.
+
+        Raises:
+            FrameRefusedError: its time is far ahead of the phone's clock. Noted, it would make every later
+                frame stale.
+        """
         self.frames.received += 1
+        phone_us = self.clock.time_us(now_us)
+        if phone_us is not None and capture_time_us > phone_us + _MAX_AHEAD_US:
+            self.frames.bad += 1
+            raise FrameRefusedError("the capture time is more than an hour ahead of the phone's clock")
         in_order = self.last_sequence is None or sequence > self.last_sequence
         if not in_order or capture_time_us < self.last_capture_us:
             self.frames.stale += 1
@@ -147,19 +163,17 @@ class NavigationService:
     def __len__(self) -> int:
         return len(self._sessions)
 
-    def check_camera(self, camera: Mapping[str, Any]) -> Mapping[str, Any]:
+    async def check_camera(self, camera: Mapping[str, Any], orientation: int) -> Mapping[str, Any]:
         """The camera in its normal form.
 
         Raises:
-            CameraInvalidError: no real camera fits the description, or its pictures are too large.
+            CameraInvalidError: as :func:`server.services.cameras.usable_camera`, or its pictures are too
+                large.
         """
-        try:
-            description = Camera.from_json(camera)
-        except InvalidCameraError as error:
-            raise CameraInvalidError(str(error)) from None
-        if description.width * description.height > self._max_pixels:
+        usable = await asyncio.to_thread(usable_camera, camera, orientation)
+        if usable.width * usable.height > self._max_pixels:
             raise CameraInvalidError(f"pictures may have {self._max_pixels} pixels; send smaller ones")
-        return description.to_json()
+        return usable.to_json()
 
     async def open(
         self,

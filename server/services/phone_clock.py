@@ -33,6 +33,11 @@ class PhoneClock:
             return None
         return min(self._differences) - min(self._round_trips, default=0) / 2
 
+    def time_us(self, now_us: int) -> float | None:
+        """The phone's clock when the service's says ``now_us``; None if not known."""
+        offset = self.offset_us
+        return None if offset is None else now_us - offset
+
     def age_us(self, phone_time_us: int, now_us: int) -> float | None:
         """How long ago a moment of the phone's clock was; never negative; None if not known."""
         offset = self.offset_us

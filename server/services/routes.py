@@ -11,10 +11,9 @@ from uuid import UUID, uuid4
 
 import structlog
 
-from server.geometry.cameras import Camera, InvalidCameraError
 from server.queues.jobs import BuildJob, JobQueue
+from server.services.cameras import usable_camera
 from server.services.errors import (
-    CameraInvalidError,
     CursorInvalidError,
     MapUnusableError,
     RouteNotFoundError,
@@ -124,14 +123,11 @@ class RouteService:
         """Place the leader's camera; with a video there already, the build is queued.
 
         Raises:
-            CameraInvalidError: no real camera fits the description.
+            CameraInvalidError: as :func:`server.services.cameras.usable_camera`.
             RouteNotFoundError, RouteStateError: as in :meth:`receive_video`.
         """
-        try:
-            description = Camera.from_json(camera).to_json()
-        except InvalidCameraError as error:
-            raise CameraInvalidError(str(error)) from None
-        return await self._place(unit, owner, route_id, camera=description)
+        usable = await asyncio.to_thread(usable_camera, camera)
+        return await self._place(unit, owner, route_id, camera=usable.to_json())
 
     async def receive_video(
         self, owner: str, route_id: UUID, chunks: AsyncIterable[bytes], declared_length: int | None

@@ -15,9 +15,11 @@ import service
 from service import CAMERA, HELLO, Service, closed_with, hello, receive, send_picture
 from websockets.asyncio.client import ClientConnection
 
+from server.geometry.cameras import Camera, InvalidCameraError
 from server.protocol.close_codes import CloseCode
 from server.protocol.frames import Frame, encode_frame
 from server.protocol.messages import ErrorMessage, Goodbye, Pong, UpdateMessage
+from server.services import cameras
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -84,6 +86,18 @@ async def test_the_age_since_capture_follows_the_phones_clock(shared: Service, r
         pong = await receive(socket)
         assert isinstance(pong, Pong)
         assert (pong.id, pong.clock_us) == (7, 20_000_000)
+
+
+async def test_a_picture_from_the_future_spoils_no_later_one(shared: Service, route: str) -> None:
+    async with shared.connect(route) as socket:
+        await hello(socket, clock_us=10_000_000)
+        for sequence, capture_us in enumerate((2**53, 3_700_000_000)):
+            await socket.send(encode_frame(Frame(sequence, capture_us, b"\xff\xd8")))
+            refusal = await error(socket)
+            assert (refusal.code, refusal.sequence, refusal.fatal) == ("bad_frame", sequence, False)
+        await socket.send(encode_frame(Frame(0, 10_000_000, b"\xff\xd8")))
+        answer = await update(socket)
+        assert (answer.frames.received, answer.frames.bad, answer.frames.stale) == (3, 2, 0)
 
 
 async def test_the_newest_picture_wins(shared: Service, route: str) -> None:
@@ -176,6 +190,21 @@ async def test_a_bad_hello_is_refused(
     async with shared.connect(route) as socket:
         await socket.send(json.dumps({**HELLO, **change}))
         await refused(socket, code, close)
+
+
+async def test_a_camera_that_cannot_be_rectified_is_refused_at_once(
+    shared: Service, route: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def rectifier(camera: Camera) -> None:
+        raise InvalidCameraError("scaled down, it is none")
+
+    monkeypatch.setattr(cameras, "Rectifier", rectifier)
+    async with shared.connect(route) as socket:
+        await socket.send(json.dumps(HELLO))
+        await refused(socket, "bad_camera", CloseCode.BAD_CAMERA)
+    bare = (await shared.http.post("/v1/routes", json=service.NEW_ROUTE)).json()["id"]
+    response = await shared.http.put(f"/v1/routes/{bare}/camera", json=CAMERA)
+    assert (response.status_code, response.json()["code"]) == (422, "camera_invalid")
 
 
 async def test_routes_without_a_map_are_refused(shared: Service, route: str) -> None:
