@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import unicodedata
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
 
-Label = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200)]
+
+def _without_controls(text: str) -> str:
+    # They end, reorder or colour whatever shows the text after them.
+    for character in text:
+        if unicodedata.category(character) in ("Cc", "Cf"):
+            raise ValueError(f"the control or format character U+{ord(character):04X} is not allowed")
+    return text
+
+
+Label = Annotated[
+    str,
+    StringConstraints(strip_whitespace=True, min_length=1, max_length=200),
+    AfterValidator(_without_controls),
+]
+"""A name for people: one line, without control and format characters (Unicode's Cc and Cf)."""
 
 
 class CameraDescription(BaseModel):
@@ -32,7 +47,8 @@ class CreateRoute(BaseModel):
     """A new route.
 
     Attributes:
-        measured_length_m: length of the walked path if somebody measured it: fixes the map's scale.
+        measured_length_m: length of the walked path if somebody measured it, 0.1 to 100,000: fixes the
+            map's scale.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -40,7 +56,7 @@ class CreateRoute(BaseModel):
     name: Label
     start_label: Label
     destination_label: Label
-    measured_length_m: Annotated[float, Field(gt=0, le=100_000, allow_inf_nan=False)] | None = None
+    measured_length_m: Annotated[float, Field(ge=0.1, le=100_000, allow_inf_nan=False)] | None = None
 
 
 RouteStateName = Literal["created", "uploaded", "building", "ready", "failed"]
