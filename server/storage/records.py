@@ -64,8 +64,3 @@ class RouteRecord:
     map_summary: Mapping[str, Any] | None
     created_at: datetime
     updated_at: datetime
-
-    @property
-    def object_keys(self) -> tuple[str, ...]:
-        """Keys of everything the route has in the object store."""
-        return tuple(key for key in (self.video_key, self.map_key, self.path_key) if key is not None)

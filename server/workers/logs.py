@@ -49,3 +49,6 @@ def configure_logs(*, as_json: bool) -> None:
     # They log every socket with its path and query; the service's own lines say what matters.
     logging.getLogger("uvicorn.error").setLevel(logging.WARNING)
     logging.getLogger("httpx").setLevel(logging.WARNING)
+    # They tell at every start how they were built and which database they look at.
+    logging.getLogger("alembic").setLevel(logging.WARNING)
+    logging.getLogger("faiss").setLevel(logging.WARNING)

@@ -62,16 +62,11 @@ class Opened:
 
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """The update of a picture, and the state to go on from should this process die.
-
-    Attributes:
-        compute_ms: from taking the picture out of the pipe to the update.
-    """
+    """The update of a picture, and the state to go on from should this process die."""
 
     request: int
     update: Update
     snapshot: Any
-    compute_ms: float
 
 
 @dataclass(frozen=True, slots=True)

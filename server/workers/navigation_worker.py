@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
@@ -79,8 +78,6 @@ class SessionOwner:
             return Refused(request.request, "internal", type(error).__name__)
 
     def _answer(self, request: ProcessPicture) -> Answered:
-        begun = time.perf_counter()
         session = self._sessions[request.session]
         update = session.process(request.picture, request.capture_time, request.sequence)
-        snapshot = session.snapshot()
-        return Answered(request.request, update, snapshot, (time.perf_counter() - begun) * 1e3)
+        return Answered(request.request, update, session.snapshot())
