@@ -6,12 +6,23 @@ small option objects.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Annotated, Any
 
-from pydantic import Field
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import BeforeValidator, Field
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 from server.navigation.frames import MAX_PIXELS
+
+_ANY_ADDRESS = ("0.0.0.0", "::", "")  # noqa: S104 - compared with, not listened on
+
+
+def _split(value: Any) -> Any:
+    return [part.strip() for part in value.split(",") if part.strip()] if isinstance(value, str) else value
+
+
+HostName = Annotated[str, Field(pattern=re.compile(r"^(\[[0-9A-Fa-f:.]+\]|[^\s:/?#@*\[\]]+)$"))]
 
 
 class Settings(BaseSettings):
@@ -19,6 +30,9 @@ class Settings(BaseSettings):
 
     Attributes:
         host, port: loopback by default; port 0 takes a free one.
+        allowed_hosts: names and addresses under which the service is reached, without ports; in the
+            environment separated by commas. Requests for others are refused. An address in ``host`` is
+            allowed too.
         data_dir: folder of the database file and the object store.
         database_url: SQLAlchemy URL with an async driver; by default SQLite in ``data_dir``.
         max_video_bytes: of one upload.
@@ -43,6 +57,11 @@ class Settings(BaseSettings):
 
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65535)
+    allowed_hosts: Annotated[tuple[HostName, ...], NoDecode, BeforeValidator(_split)] = (
+        "127.0.0.1",
+        "localhost",
+        "[::1]",
+    )
     data_dir: Path = Path("var")
     database_url: str | None = None
 
@@ -66,6 +85,14 @@ class Settings(BaseSettings):
     resume_within_s: float = Field(default=120.0, gt=0)
 
     log_json: bool = False
+
+    @property
+    def host_names(self) -> frozenset[str]:
+        """What a request's host may be, in lower case, without ports."""
+        names = {name.lower() for name in self.allowed_hosts}
+        if self.host not in _ANY_ADDRESS:
+            names.add(f"[{self.host}]".lower() if ":" in self.host else self.host.lower())
+        return frozenset(names)
 
     @property
     def resolved_database_url(self) -> str:

@@ -10,6 +10,7 @@ from fastapi import FastAPI
 from server.api import health, navigate, problems, routes, uploads
 from server.api.body_limit import BodyLimit
 from server.api.components import Entries, assemble
+from server.api.host_check import HostCheck
 from server.settings import Settings
 
 
@@ -40,8 +41,11 @@ def create_app(settings: Settings | None = None, entries: Entries | None = None)
         docs_url=None,
         redoc_url=None,
         openapi_url="/v1/openapi.json",
+        redirect_slashes=False,
     )
     app.add_middleware(BodyLimit, limit=chosen.max_message_bytes)
+    # Added last, asked first.
+    app.add_middleware(HostCheck, names=chosen.host_names)
     problems.install(app)
     for module in (health, routes, uploads, navigate):
         app.include_router(module.router)

@@ -38,7 +38,8 @@ def is_same_origin(connection: HTTPConnection) -> bool:
     """False for a browser's page of another site.
 
     Browsers let any page open a WebSocket to any host, the local one included, but say where it came
-    from; programs that are no browser send no origin.
+    from; programs that are no browser send no origin. That the host is this service's own name has been
+    seen to by :class:`server.api.host_check.HostCheck`.
     """
     origin = connection.headers.get("origin")
     if origin is None:

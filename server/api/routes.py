@@ -6,11 +6,12 @@ from collections.abc import AsyncIterator
 from typing import Annotated, Any
 from uuid import UUID
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import StreamingResponse
 
 from server.api.auth import Caller
 from server.api.components import Parts
+from server.api.json_body import json_body
 from server.api.presenters import route_document
 from server.api.transactions import Unit
 from server.protocol.documents import (
@@ -30,7 +31,7 @@ PROBLEMS: dict[int | str, dict[str, Any]] = {
 router = APIRouter(prefix="/v1/routes", tags=["routes"], responses=PROBLEMS)
 
 
-@router.post("", status_code=201)
+@router.post("", status_code=201, dependencies=[Depends(json_body)])
 async def create_route(
     body: CreateRoute, caller: Caller, unit: Unit, parts: Parts, response: Response
 ) -> RouteDocument:
@@ -74,7 +75,7 @@ async def delete_route(route_id: UUID, caller: Caller, unit: Unit, parts: Parts)
     await parts.routes.delete(unit, caller.owner, route_id)
 
 
-@router.put("/{route_id}/camera")
+@router.put("/{route_id}/camera", dependencies=[Depends(json_body)])
 async def put_camera(
     route_id: UUID, body: CameraDescription, caller: Caller, unit: Unit, parts: Parts
 ) -> RouteDocument:

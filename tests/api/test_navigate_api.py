@@ -13,7 +13,9 @@ import pytest
 import pytest_asyncio
 import service
 from service import CAMERA, HELLO, Service, closed_with, hello, receive, send_picture
-from websockets.asyncio.client import ClientConnection
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import InvalidStatus
+from websockets.typing import Origin
 
 from server.geometry.cameras import Camera, InvalidCameraError
 from server.protocol.close_codes import CloseCode
@@ -236,6 +238,18 @@ async def test_pages_of_other_sites_are_refused(shared: Service, route: str) -> 
         await refused(socket, "forbidden_origin", CloseCode.FORBIDDEN_ORIGIN)
     async with shared.connect(route, origin=shared.url) as socket:
         await hello(socket)
+
+
+async def test_sockets_under_another_name_are_refused(shared: Service, route: str) -> None:
+    """A page whose name was made to lead here has an origin that is its host."""
+    port = int(shared.url.rpartition(":")[2])
+    here = socketlib.create_connection(("127.0.0.1", port))
+    url = f"ws://rebound.example:{port}/v1/routes/{route}/navigate"
+    with pytest.raises(InvalidStatus) as refusal:
+        async with connect(url, origin=Origin(f"http://rebound.example:{port}"), sock=here, proxy=None):
+            pass
+    assert refusal.value.response.status_code == 421
+    assert refusal.value.response.headers["content-type"] == "application/problem+json"
 
 
 async def test_end_is_answered_with_goodbye_and_forgets_the_session(shared: Service, route: str) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,10 +12,16 @@ import pytest
 import service
 from service import CAMERA, NEW_ROUTE, Service
 
+from server.api import problems
 from server.storage.database import Database
 from server.storage.records import RouteState
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+PROTOCOL = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
+
+JSON = {"Content-Type": "application/json"}
 
 
 def assert_problem(response: httpx.Response, status: int, code: str) -> dict[str, object]:
@@ -136,7 +143,11 @@ async def test_every_refusal_is_a_problem_document(shared: Service) -> None:
     assert_problem(await http.get("/v1/nothing"), 404, "not_found")
     patched = await http.patch("/v1/routes")
     assert_problem(patched, 405, "method_not_allowed")
-    assert "GET" in patched.headers["allow"] or "POST" in patched.headers["allow"]
+    assert patched.headers["allow"] == "GET, POST"
+    posted = await http.post(unknown, json={})
+    assert_problem(posted, 405, "method_not_allowed")
+    assert posted.headers["allow"] == "DELETE, GET"
+    assert_problem(await http.get("/v1/routes/"), 404, "not_found")
     assert_problem(await http.get("/v1/routes/not-an-id"), 422, "invalid_request")
     invalid = assert_problem(
         await http.post("/v1/routes", json={**NEW_ROUTE, "name": " "}), 422, "invalid_request"
@@ -148,9 +159,55 @@ async def test_every_refusal_is_a_problem_document(shared: Service) -> None:
             "message": "String should have at least 1 character",
         }
     ]
-    assert_problem(await http.post("/v1/routes", content=b"{"), 422, "invalid_request")
+    assert_problem(await http.post("/v1/routes", content=b"{", headers=JSON), 422, "invalid_request")
     assert_problem(await http.get("/v1/routes", params={"cursor": "x"}), 422, "cursor_invalid")
     assert_problem(await http.get("/v1/routes", params={"limit": "0"}), 422, "invalid_request")
+
+
+@pytest.mark.parametrize(
+    "content_type", [None, "", "text/plain", "application/x-www-form-urlencoded", "json", "image/svg+json"]
+)
+async def test_documents_have_to_be_sent_as_json(shared: Service, content_type: str | None) -> None:
+    headers = {} if content_type is None else {"Content-Type": content_type}
+    body = json.dumps(NEW_ROUTE).encode()
+    refusal = await shared.http.post("/v1/routes", content=body, headers=headers)
+    assert "application/json" in str(assert_problem(refusal, 415, "unsupported_media_type")["detail"])
+    camera = f"/v1/routes/{uuid4()}/camera"
+    refusal = await shared.http.put(camera, content=json.dumps(CAMERA).encode(), headers=headers)
+    assert_problem(refusal, 415, "unsupported_media_type")
+
+
+@pytest.mark.parametrize("content_type", ["application/json; charset=utf-8", "Application/JSON"])
+async def test_json_has_more_than_one_spelling(shared: Service, content_type: str) -> None:
+    body = json.dumps(NEW_ROUTE).encode()
+    created = await shared.http.post("/v1/routes", content=body, headers={"Content-Type": content_type})
+    assert created.status_code == 201
+
+
+@pytest.mark.parametrize(
+    "host", ["rebound.example", "rebound.example:80", "localhost.rebound.example", "127.0.0.1@x", "", "[::2]"]
+)
+async def test_other_names_are_refused(shared: Service, host: str) -> None:
+    for path in ("/v1/health", "/v1/routes", "/v1/openapi.json", "/v1/nothing"):
+        assert_problem(await shared.http.get(path, headers={"Host": host}), 421, "host_not_allowed")
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "LOCALHOST:1234", "[::1]:8000"])
+async def test_own_names_are_answered(shared: Service, host: str) -> None:
+    assert (await shared.http.get("/v1/health", headers={"Host": host})).status_code == 200
+
+
+async def test_names_can_be_set(data: Path) -> None:
+    async with service.running(service.settings(data, allowed_hosts="Way.example, [fe80::1]")) as running:
+        for host, status in (("way.example", 200), ("[fe80::1]:80", 200), ("localhost", 421)):
+            assert (await running.http.get("/v1/health", headers={"Host": host})).status_code == status
+
+
+async def test_every_problem_is_documented() -> None:
+    known = {code: int(status) for code, status in problems._DOMAIN_STATUS.items()}
+    known |= {code: status for status, code in problems._HTTP_CODES.items()}
+    for code, status in known.items():
+        assert f"`{code}` {status}" in PROTOCOL
 
 
 async def test_sizes_are_limited(shared: Service) -> None:
@@ -184,10 +241,8 @@ async def test_an_upload_that_breaks_off_leaves_nothing(shared: Service) -> None
     route_id = (await shared.http.post("/v1/routes", json=NEW_ROUTE)).json()["id"]
     host, _, port = shared.url.removeprefix("http://").partition(":")
     _, writer = await asyncio.open_connection(host, int(port))
-    writer.write(
-        f"PUT /v1/routes/{route_id}/video HTTP/1.1\r\nHost: x\r\nContent-Length: 90000\r\n\r\n".encode()
-        + b"x" * 5000
-    )
+    head = f"PUT /v1/routes/{route_id}/video HTTP/1.1\r\nHost: localhost\r\nContent-Length: 90000\r\n\r\n"
+    writer.write(head.encode() + b"x" * 5000)
     await writer.drain()
     writer.close()
     await writer.wait_closed()
