@@ -161,6 +161,7 @@ class _Walk:
         self.camera = camera
         self.frames: list[WalkFrame] = []
         self.parts = [self._odometry()]
+        self.tracked = 0
         self._blind = 0
 
     def _odometry(self) -> VisualOdometry:
@@ -169,6 +170,7 @@ class _Walk:
     def take(self, frame: WalkFrame) -> None:
         self.frames.append(frame)
         answer = self.parts[-1].process(len(self.frames) - 1, frame.features)
+        self.tracked += answer.state is TrackingState.TRACKED
         self._blind = self._blind + 1 if answer.state is TrackingState.LOST else 0
         if self._blind >= self.options.restart_after:
             self.parts.append(self._odometry())
@@ -192,7 +194,7 @@ class _Walk:
         for part in maps[1:]:
             if not join(working, part, turns, options.joining):
                 blind = tuple(self.frames[m.keyframes[k].frame].time for m, k in ((working, -1), (part, 0)))
-                return self._torn(report, (blind[0], blind[1]))
+                return self._torn(report, maps, (blind[0], blind[1]))
         close_map(working, options.joining.revisits)
         progress(BuildStage.REFINING, 0.0)
         refine_globally(working, options.refinement)
@@ -217,12 +219,19 @@ class _Walk:
         progress(BuildStage.FINISHING, 1.0)
         return BuildResult(BuildStatus.READY, route_map, report)
 
-    def _torn(self, report: BuildReport, blind: tuple[float, float]) -> BuildResult:
+    def _torn(self, report: BuildReport, maps: list[WorkingMap], blind: tuple[float, float]) -> BuildResult:
+        followed = replace(
+            report,
+            tracked_frames=self.tracked,
+            keyframes=sum(len(part.keyframes) for part in maps),
+            landmarks=sum(int(part.alive.sum()) for part in maps),
+            lost=(blind,),
+        )
         return _failed(
             BuildStatus.TRACKING_LOST,
             f"from {blind[0]:.1f} s to {blind[1]:.1f} s the camera could not be followed, and what comes "
             "after shows nothing known: record the walk again, more slowly there, and keep detail in view",
-            replace(report, lost=(blind,)),
+            followed,
         )
 
     def _no_start(self, report: BuildReport) -> BuildResult:

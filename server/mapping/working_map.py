@@ -149,7 +149,8 @@ class WorkingMap:
         self.observed = np.concatenate([self.observed, other.observed])
         self.born = np.concatenate([self.born, other.born + keyframes])
         self.alive = np.concatenate([self.alive, other.alive])
-        self.covariance = np.concatenate([self.covariance, other.covariance])
+        turned = self_from_other.rotation @ other.covariance @ self_from_other.rotation.T
+        self.covariance = np.concatenate([self.covariance, self_from_other.scale**2 * turned])
         for kf in other.keyframes:
             pose = self_from_other.transform_pose(kf.camera_from_world.inverse()).inverse()
             landmark = np.where(kf.landmark >= 0, kf.landmark + offset, NO_LANDMARK)

@@ -51,6 +51,8 @@ def test_five_seconds_of_darkness_are_named(demo_route: DemoRoute, tmp_path: Pat
     result = build_route_map(walk.video, walk.camera)
     assert result.status is BuildStatus.TRACKING_LOST
     assert result.route_map is None
+    assert result.report.tracked_frames > 50
+    assert result.report.keyframes > 0
     ((first, last),) = result.report.lost
     assert first == pytest.approx(4.5, abs=0.3)
     assert last == pytest.approx(9.5, abs=0.3)
