@@ -8,11 +8,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
 
+_JOINERS = "\u200c\u200d"
+"""Zero-width (non-)joiners: Persian and Indic spelling and joined emoji need them."""
+
 
 def _without_controls(text: str) -> str:
     # They end, reorder or colour whatever shows the text after them.
     for character in text:
-        if unicodedata.category(character) in ("Cc", "Cf"):
+        if unicodedata.category(character) in ("Cc", "Cf") and character not in _JOINERS:
             raise ValueError(f"the control or format character U+{ord(character):04X} is not allowed")
     return text
 
@@ -22,7 +25,7 @@ Label = Annotated[
     StringConstraints(strip_whitespace=True, min_length=1, max_length=200),
     AfterValidator(_without_controls),
 ]
-"""A name for people: one line, without control and format characters (Unicode's Cc and Cf)."""
+"""A name for people: one line, without control and format characters but the joiners that scripts need."""
 
 
 class CameraDescription(BaseModel):

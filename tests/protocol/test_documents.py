@@ -11,7 +11,15 @@ NAMES = {"name": "To the lab", "start_label": "Door", "destination_label": "Lab"
 
 
 @pytest.mark.parametrize(
-    "name", ["Zum Labor", "研究室へ", "\u05dc\u05de\u05e2\u05d1\u05d3\u05d4", "3. Stock → 🚪", "  a  "]
+    "name",
+    [
+        "Zum Labor",
+        "研究室へ",
+        "\u05dc\u05de\u05e2\u05d1\u05d3\u05d4",
+        "\u0645\u06cc\u200c\u062e\u0648\u0627\u0647\u06cc\u0645",
+        "3. Stock → 🚪",
+        "  a  ",
+    ],
 )
 def test_names_in_any_script_are_taken(name: str) -> None:
     assert CreateRoute.model_validate({**NAMES, "name": name}).name == name.strip()
