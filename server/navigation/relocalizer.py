@@ -90,7 +90,6 @@ class Evidence:
 
     Attributes:
         inliers: matches that agree; matches: matches near their prediction.
-        visible: landmarks that should be in the picture.
         cells: of 8 x 6 image cells, how many hold an inlier.
         sigma: standard deviation of the camera centre over the median depth of the inliers.
         depth: that depth, map units.
@@ -99,7 +98,6 @@ class Evidence:
     estimate: PoseEstimate
     inliers: int
     matches: int
-    visible: int
     cells: int
     sigma: float
     depth: float
@@ -316,7 +314,6 @@ class Relocalizer:
             estimate=estimate,
             inliers=int(estimate.inliers.sum()),
             matches=len(matches),
-            visible=len(local),
             cells=len(np.unique(grid[:, 1] * 8 + grid[:, 0])),
             sigma=float(np.sqrt(np.trace(estimate.covariance[3:, 3:]))) / max(depth, 1e-9),
             depth=depth,
