@@ -77,6 +77,13 @@ def best_pairs(
         rival[same] = np.iinfo(np.int64).max // 2
     good = (distance[first] <= max_distance) & (distance[first] < ratio * rival)
     rows, columns, distance = rows[first[good]], columns[first[good]], distance[first[good]]
+    return _one_row_a_column(rows, columns, distance)
+
+
+def _one_row_a_column(
+    rows: NDArray[np.intp], columns: NDArray[np.intp], distance: NDArray[np.int64]
+) -> Matches:
+    """Of the pairs that want one column, the nearest; the pairs stay in their order."""
     order = np.lexsort((distance, columns))
     unique = order[np.r_[True, columns[order][1:] != columns[order][:-1]]] if len(order) else order
     unique.sort()
@@ -93,10 +100,7 @@ def match_descriptors(
     rows = np.arange(len(a))
     good = (distance[:, 0] <= max_distance) & (distance[:, 0] < ratio * distance[:, 1])
     rows, columns, best = rows[good], neighbours[good, 0], distance[good, 0].astype(np.int64)
-    order = np.lexsort((best, columns))
-    unique = order[np.r_[True, columns[order][1:] != columns[order][:-1]]] if len(order) else order
-    unique.sort()
-    return Matches(rows[unique], columns[unique], best[unique])
+    return _one_row_a_column(rows, columns, best)
 
 
 def nearest_descriptors(

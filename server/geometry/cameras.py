@@ -189,6 +189,16 @@ def opencv_matrix(camera: Camera) -> Array:
     return np.array([[fx, 0.0, cx - 0.5], [0.0, fy, cy - 0.5], [0.0, 0.0, 1.0]])
 
 
+CELLS = (8, 6)
+"""Columns and rows into which an image is cut to say how much of it something covers."""
+
+
+def occupied_cells(pixels: ArrayLike, camera: Camera) -> int:
+    """In how many of the image's 8 x 6 cells pixels (N, 2) lie."""
+    size = np.array([camera.width, camera.height]) / CELLS
+    return len(np.unique((np.asarray(pixels) / size).astype(int) @ [1, CELLS[0]]))
+
+
 WORKING_PIXELS = 640 * 480
 """Pixels of a working image: the papers' frame size; other aspect ratios keep the same area."""
 

@@ -37,6 +37,7 @@ class BuildOptions:
     """Settings of a build.
 
     Attributes:
+        extraction, tracker, odometry, joining, refinement: settings of the stages.
         min_frames: frames (10 a second) a walk needs; max_seconds: the longest video taken.
         restart_after: blind frames after which a new part of the walk is begun; min_keyframes: that a
             part needs to count.

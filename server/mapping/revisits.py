@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from server.features.matching import match_descriptors, match_predicted
 from server.features.retrieval import PlaceIndex
 from server.geometry.absolute_pose import ransac_pose, refine_pose
+from server.geometry.cameras import occupied_cells
 from server.geometry.poses import SE3, Sim3, rotation_angle
 from server.mapping.working_map import Keyframe, WorkingMap
 
@@ -128,9 +129,8 @@ def _verify(
     if located is None:
         return None
     pose, landmark, feature = located
-    pixels = features.pixels[feature]
-    cells = (pixels / [earlier.camera.width / 8, earlier.camera.height / 6]).astype(int)
-    if len(feature) < options.min_inliers or len(np.unique(cells @ [1, 8])) < options.min_cells:
+    cells = occupied_cells(features.pixels[feature], earlier.camera)
+    if len(feature) < options.min_inliers or cells < options.min_cells:
         return None
     both = keyframe.landmark[feature] >= 0
     ids = keyframe.landmark[feature[both]]

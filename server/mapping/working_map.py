@@ -196,7 +196,7 @@ class WorkingMap:
     def predicted_octave(self, landmarks: Ids, depth: Array) -> NDArray[np.int64]:
         """Pyramid level at which landmarks (N,) should appear at distances (N,)."""
         shift = np.log(self.distance[landmarks] / np.maximum(depth, 1e-9)) / np.log(self.scale_factor)
-        return np.asarray(np.round(self.octave[landmarks] + shift).astype(np.int64), dtype=np.intp)
+        return np.asarray(np.round(self.octave[landmarks] + shift), dtype=np.int64)
 
     def update_covariances(self, keyframes: list[int]) -> None:
         """Covariances of all landmarks the keyframes see, from these observations, poses taken as known.

@@ -16,7 +16,7 @@ from server.features.extraction import Features
 from server.features.matching import match_descriptors, match_predicted
 from server.features.retrieval import PlaceIndex, RetrievalOptions
 from server.geometry.absolute_pose import PoseEstimate, ransac_pose, refine_pose
-from server.geometry.cameras import Camera
+from server.geometry.cameras import Camera, occupied_cells
 from server.geometry.poses import SE3
 from server.mapping.route_map import RouteMap
 from server.navigation.updates import Fix, Refusal, RefusalReason
@@ -305,8 +305,6 @@ class Relocalizer:
         )
         if estimate is None:
             return None
-        inlier_pixels = features.pixels[matches.b[estimate.inliers]]
-        grid = (inlier_pixels / [camera.width / 8, camera.height / 6]).astype(int)
         depth = float(
             np.median((estimate.camera_from_world @ self._position[chosen[estimate.inliers]])[:, 2])
         )
@@ -314,7 +312,7 @@ class Relocalizer:
             estimate=estimate,
             inliers=int(estimate.inliers.sum()),
             matches=len(matches),
-            cells=len(np.unique(grid[:, 1] * 8 + grid[:, 0])),
+            cells=occupied_cells(features.pixels[matches.b[estimate.inliers]], camera),
             sigma=float(np.sqrt(np.trace(estimate.covariance[3:, 3:]))) / max(depth, 1e-9),
             depth=depth,
             keyframe=self.nearest_keyframe(estimate.camera_from_world.inverse()),
