@@ -9,8 +9,9 @@ import numpy as np
 
 from client_sim.synthetic.buildings import CORRIDOR_AND_ROOM, build_world
 from client_sim.synthetic.cameras import PinholeCamera
+from client_sim.synthetic.gait import Gait
 from client_sim.synthetic.rendering import Light, Renderer
-from client_sim.synthetic.trajectories import Gait, walk
+from client_sim.synthetic.trajectories import walk
 from client_sim.synthetic.walk_folders import write_walk
 
 ROUTE = ((0.8, 1.0), (7.0, 1.0), (7.0, 7.4), (11.2, 8.5))

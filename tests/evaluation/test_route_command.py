@@ -11,8 +11,9 @@ from typer.testing import CliRunner
 
 from client_sim.synthetic.buildings import CORRIDOR_AND_ROOM, build_world
 from client_sim.synthetic.cameras import PinholeCamera
+from client_sim.synthetic.gait import Gait
 from client_sim.synthetic.rendering import Renderer
-from client_sim.synthetic.trajectories import Gait, walk
+from client_sim.synthetic.trajectories import walk
 from client_sim.synthetic.walk_folders import write_walk
 from server.evaluation.commands import app
 

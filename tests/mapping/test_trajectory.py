@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from client_sim.synthetic.cameras import level_rotation
-from client_sim.synthetic.trajectories import Gait, walk
+from client_sim.synthetic.gait import Gait
+from client_sim.synthetic.trajectories import walk
 from server.geometry.poses import SE3, rotation_angle
 from server.mapping.trajectory import find_turns, route_frame, smoothed, upright, walked
 
@@ -131,7 +132,7 @@ def test_up_is_found_from_how_the_phone_was_held(
     assert np.linalg.norm(up) == pytest.approx(1.0)
     error = np.degrees(np.arccos(np.clip(up @ world[:, 2], -1, 1)))
     # The phone looked 20 degrees down: a straight walk cannot tell that from a slope, one with a turn can.
-    assert error < (2.0 if len(waypoints) > 2 else 22.0)
+    assert error < (3.0 if len(waypoints) > 2 else 22.0)
 
 
 def test_up_of_a_phone_turned_about_itself_is_its_axis() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from client_sim.synthetic.cameras import level_rotation
-from client_sim.synthetic.trajectories import smooth_path
+from client_sim.synthetic.paths import smooth_path
 from server.geometry.cameras import Camera
 from server.geometry.poses import SE3, quaternion_from_rotation
 from server.mapping.route_map import Keyframes, Landmarks, Observations, RouteMap, RoutePath, Scale

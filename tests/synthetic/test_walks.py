@@ -12,8 +12,10 @@ import pytest
 from client_sim.synthetic.buildings import CORRIDOR_AND_ROOM, build_world
 from client_sim.synthetic.cameras import PinholeCamera, project
 from client_sim.synthetic.demo import ROUTE, write_demo_walks
+from client_sim.synthetic.gait import Gait
+from client_sim.synthetic.paths import smooth_path
 from client_sim.synthetic.rendering import Light, Renderer
-from client_sim.synthetic.trajectories import Gait, smooth_path, walk
+from client_sim.synthetic.trajectories import walk
 from client_sim.synthetic.walk_folders import write_walk
 from server.evaluation.walk import arc_length, read_walk
 
