@@ -20,7 +20,8 @@ LEVELS = 6
 """Times a texture is halved in each direction, the original included."""
 
 GUTTER = 2
-"""Repeated border pixels around each level: interpolation must not reach a neighbour's texture."""
+"""Border pixels around each level, repeated or, of a texture that tiles, those of the other side:
+interpolation must not reach a neighbour's texture."""
 
 MAX_SIDE = 32000
 """OpenCV's remap addresses pixels with 15 bits."""
@@ -46,8 +47,8 @@ def _halved(size: int, times: int) -> int:
     return max(1, size >> times)
 
 
-def build_atlas(textures: Sequence[Texture]) -> Atlas:
-    """Pack textures (h, w, 3), each with its ripmap.
+def build_atlas(textures: Sequence[Texture], tiled: Sequence[bool] | None = None) -> Atlas:
+    """Pack textures (h, w, 3), each with its ripmap; ``tiled`` says which are repeated.
 
     Raises:
         ValueError: a texture is too wide, or all together are too many.
@@ -73,6 +74,7 @@ def build_atlas(textures: Sequence[Texture]) -> Atlas:
     origin = np.zeros((len(textures), LEVELS, LEVELS, 2), dtype=np.float32)
     scale = np.zeros_like(origin)
     for q, texture in enumerate(textures):
+        border = cv2.BORDER_WRAP if tiled is not None and tiled[q] else cv2.BORDER_REPLICATE
         x = corners[q][0]
         for i in range(LEVELS):
             y = corners[q][1]
@@ -82,7 +84,7 @@ def build_atlas(textures: Sequence[Texture]) -> Atlas:
                 h = _halved(texture.shape[0], j)
                 level = cv2.resize(squeezed, (w, h), interpolation=cv2.INTER_AREA)
                 image[y : y + h + 2 * GUTTER, x : x + w + 2 * GUTTER] = cv2.copyMakeBorder(
-                    level, GUTTER, GUTTER, GUTTER, GUTTER, cv2.BORDER_REPLICATE
+                    level, GUTTER, GUTTER, GUTTER, GUTTER, border
                 )
                 origin[q, i, j] = x + GUTTER - 0.5, y + GUTTER - 0.5
                 scale[q, i, j] = w, h

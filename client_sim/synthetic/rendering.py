@@ -1,7 +1,8 @@
-"""Pictures of the synthetic building: depth-tested rectangles, filtered textures, light and noise."""
+"""Pictures of the synthetic building: what each pixel sees, its filtered texture, light, blur, noise."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -9,77 +10,102 @@ import numpy as np
 from numpy.typing import NDArray
 
 from client_sim.synthetic.atlas import LEVELS, build_atlas
-from client_sim.synthetic.cameras import PinholeCamera, Pose
-from client_sim.synthetic.worlds import World
+from client_sim.synthetic.cameras import Camera, Pose
+from client_sim.synthetic.ellipsoids import draw_solids
+from client_sim.synthetic.exposure import ExposureSettings, Light, add_noise, develop
+from client_sim.synthetic.lightmaps import LightAtlas
+from client_sim.synthetic.mirrors import reflected, reflection_canvas
+from client_sim.synthetic.motion_blur import blurred, motion
+from client_sim.synthetic.rasterising import NOWHERE, Planes, RayGrid, Surfaces, blank, draw
+from client_sim.synthetic.worlds import Quad, Solid, Thing, World
+
+__all__ = ["NOWHERE", "Light", "Renderer", "Shot"]
 
 Image = NDArray[np.uint8]
 Floats = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
-NEAR_M = 0.05
-"""Surfaces nearer than this are not drawn."""
-
-EDGE_M = 1e-4
-"""Rectangles reach this far over their edges, so that neighbours leave no gap between them."""
-
-NOWHERE = -1
-"""Surface index of a pixel that looks out of the building."""
-
-
-@dataclass(frozen=True, slots=True)
-class Light:
-    """How a walk's pictures are exposed.
-
-    Attributes:
-        gain: brightness factor.
-        gamma: exponent of the tone curve, above 1 darkens the middle tones.
-        warmth: factor of red against blue.
-        vignette: loss of light in the corners, 0 to 1.
-        noise: standard deviation of the sensor noise, grey levels.
-    """
-
-    gain: float = 1.0
-    gamma: float = 1.0
-    warmth: float = 1.0
-    vignette: float = 0.15
-    noise: float = 1.5
+OUTSIDE = 40
+"""Grey level of what is no surface."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Planes:
-    """Per quad, coefficients (3,) of u, v, 1 of functions that are affine in the pixel (u, v).
+class Shot:
+    """A picture with the truth about the middle of its exposure.
 
-    ``inverse_depth`` w is 1 / z; ``across`` and ``down`` are metres from the quad's corner times w.
+    Attributes:
+        image: (H, W, 3) uint8, BGR.
+        depth: (H, W) z of what each pixel's centre sees, in a mirror that of its image behind the glass;
+            infinite where it sees nothing.
+        surface: (H, W) index of the quad, :data:`NOWHERE` for others.
+        labels: (H, W) index into ``things`` of the thing that is seen, -1 for the building.
+        things: what ``labels`` counts.
+        mirror: (H, W) True where it is seen in a mirror.
     """
 
+    image: Image
+    depth: Floats
+    surface: NDArray[np.int32]
+    labels: NDArray[np.int32]
+    things: tuple[Thing, ...]
+    mirror: Mask
+
+    def mask(self, category: str) -> Mask:
+        """(H, W) True where something of a category is seen, in a mirror too."""
+        wanted = np.array([thing.category == category for thing in self.things] + [False])
+        return np.asarray(wanted[self.labels])
+
+    @property
+    def brightness(self) -> float:
+        """Mean grey level."""
+        return float(self.image[::4, ::4].mean())
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _View:
+    """What the pixels see: surfaces count the quads, then those of each mirror, then the solids."""
+
+    surface: NDArray[np.int32]
     inverse_depth: Floats
-    across: Floats
-    down: Floats
+    mirror: NDArray[np.intp]
+    planes: tuple[Planes, ...]
+    painted: Image
 
 
 class Renderer:
     """Draws one world for one camera."""
 
-    def __init__(self, world: World, camera: PinholeCamera) -> None:
+    def __init__(self, world: World, camera: Camera) -> None:
         self.world = world
         self.camera = camera
-        self._atlas = build_atlas([quad.texture for quad in world.quads])
-        self._corner = np.stack([quad.corner for quad in world.quads])
-        self._size = np.array([quad.size for quad in world.quads])
-        self._across = np.stack([quad.across for quad in world.quads]) / self._size[:, :1]
-        self._down = np.stack([quad.down for quad in world.quads]) / self._size[:, 1:]
-        self._texels = (np.array([quad.texture.shape[1::-1] for quad in world.quads]) / self._size).astype(
-            np.float32
-        )
-        self._u = (np.arange(camera.width, dtype=np.float32) + np.float32(0.5))[None, :]
-        self._v = (np.arange(camera.height, dtype=np.float32) + np.float32(0.5))[:, None]
-        x = (self._u - camera.cx) / camera.fx
-        y = (self._v - camera.cy) / camera.fy
-        radius = (x**2 + y**2) / float((x**2).max() + (y**2).max())
-        self._corner_darkness = radius.astype(np.float32)
+        self._grid = RayGrid(camera)
+        self._surfaces = Surfaces(world.quads)
+        unique = {id(quad.texture): quad.texture for quad in world.quads}
+        tiled = {id(quad.texture) for quad in world.quads if quad.tile is not None}
+        rank = {key: k for k, key in enumerate(unique)}
+        self._atlas = build_atlas(list(unique.values()), [key in tiled for key in unique])
+        self._texture = np.array([rank[id(quad.texture)] for quad in world.quads])
+        self._texels = np.array([quad.texture.shape[1::-1] for quad in world.quads], dtype=np.float32)
+        self._wraps = np.array([quad.tile is not None for quad in world.quads])
+        self._light = LightAtlas.of(world.quads, self._surfaces.tiles, self._surfaces.size)
+        self._mirrors = [q for q, quad in enumerate(world.quads) if quad.mirror]
+        parts: tuple[Quad | Solid, ...] = (*world.quads, *world.solids)
+        self._things = _things(parts)
+        self._quad_labels = self._labels(world.quads, self._things)
+        column = np.linspace(-1, 1, camera.width, dtype=np.float32)[None, :] * (camera.width / 2)
+        row = np.linspace(-1, 1, camera.height, dtype=np.float32)[:, None] * (camera.height / 2)
+        radius = column**2 + row**2
+        self._darkening = radius / radius.max()
+
+    @staticmethod
+    def _labels(parts: Sequence[Quad | Solid], things: Sequence[Thing]) -> NDArray[np.int32]:
+        number = {id(thing): k for k, thing in enumerate(things)}
+        return np.array([number.get(id(part.thing), -1) for part in parts], dtype=np.int32)
 
     def surfaces(self, pose: Pose) -> NDArray[np.int16]:
         """Index of the quad each pixel's centre sees, (H, W); :data:`NOWHERE` where it sees none."""
-        return self._draw(pose)[0]
+        view = self._view(pose, self.world.solids)
+        return self._quad_index(view).astype(np.int16)
 
     def render(self, pose: Pose, light: Light | None = None, rng: np.random.Generator | None = None) -> Image:
         """The picture from a pose, (H, W, 3) uint8, BGR.
@@ -88,135 +114,142 @@ class Renderer:
             light: exposure; without it the bare textures.
             rng: draws the sensor noise; without it there is none.
         """
-        surface, planes = self._draw(pose)
-        colour = self._texture(surface, planes)
+        return self.shoot([pose], light, rng).image
+
+    def shoot(
+        self,
+        poses: Sequence[Pose],
+        light: Light | None = None,
+        rng: np.random.Generator | None = None,
+        solids: Sequence[Solid] = (),
+        exposure: ExposureSettings | None = None,
+    ) -> Shot:
+        """One picture and the truth about it.
+
+        Args:
+            poses: the camera while the shutter is open, from its opening to its closing, evenly in time;
+                the truth is of the middle one. A single pose gives a sharp picture.
+            solids: what stands or walks in the world beside its own things.
+            exposure: without it the reference, at which nominal light gives the textures' grey levels.
+        """
+        pose = poses[len(poses) // 2]
+        exposure = exposure or ExposureSettings()
+        solids = (*self.world.solids, *solids)
+        view = self._view(pose, solids)
+        colour = self._colour(view, exposure.factor)
         # Without a lens's own blur the silhouettes would be saw-toothed.
-        soft = np.asarray(cv2.GaussianBlur(colour, (3, 3), 0.6), dtype=np.uint8)
-        return soft if light is None else self._expose(soft, light, rng)
-
-    def _planes(self, pose: Pose) -> tuple[_Planes, NDArray[np.float64]]:
-        """Affine functions of the pixel for each quad, and its four corners in the camera, (Q, 4, 3)."""
-        corner = pose.to_camera(self._corner)
-        across, down = self._across @ pose.rotation, self._down @ pose.rotation
-        normal = np.cross(down, across)
-        height = (normal * corner).sum(axis=1, keepdims=True)
-        facing = height[:, 0] < -1e-9
-        w = np.where(facing[:, None], normal / np.where(facing[:, None], height, 1.0), 0.0)
-        a = across - (across * corner).sum(axis=1, keepdims=True) * w
-        b = down - (down * corner).sum(axis=1, keepdims=True) * w
-        camera = self.camera
-        # A ray is (x, y, 1) with x = (u - cx) / fx: coefficients of x, y, 1 become those of u, v, 1.
-        ray = np.array(
-            [
-                [1 / camera.fx, 0, 0],
-                [0, 1 / camera.fy, 0],
-                [-camera.cx / camera.fx, -camera.cy / camera.fy, 1],
-            ]
+        image = np.asarray(cv2.GaussianBlur(colour, (3, 3), 0.6), dtype=np.uint8)
+        if len(poses) > 1:
+            image = blurred(image, motion(self._grid, view.inverse_depth, pose, poses[0], poses[-1]))
+        if light is not None:
+            image = develop(image, light, self._darkening)
+            if rng is not None and light.noise > 0:
+                image = add_noise(image, light.noise * float(np.sqrt(exposure.gain)), rng)
+        if self._grid.blind is not None:
+            image[self._grid.blind] = 0
+        things = tuple(dict.fromkeys((*self._things, *_things(solids))))
+        quad = self._quad_index(view)
+        labels = np.append(self._quad_labels, np.int32(-1))[quad]
+        solid = view.surface - len(self.world.quads) * len(view.planes)
+        if solids:
+            of_solids = self._labels(solids, things)
+            labels = np.where(solid >= 0, of_solids[np.maximum(solid, 0) % len(solids)], labels)
+        seen = (view.surface != NOWHERE) & (view.inverse_depth > 0)
+        depth = 1.0 / np.where(seen, view.inverse_depth, np.float32(1.0))
+        return Shot(
+            image,
+            np.where(seen, depth, np.float32(np.inf)),
+            quad,
+            labels,
+            things,
+            view.mirror > 0,
         )
-        planes = _Planes(*((ray @ f.T).T.astype(np.float32) for f in (w, a, b)))
-        right, below = across * self._size[:, :1], down * self._size[:, 1:]
-        return planes, np.stack([corner, corner + right, corner + right + below, corner + below], axis=1)
 
-    def _window(self, corners: NDArray[np.float64]) -> tuple[slice, slice] | None:
-        """Rows and columns that a quad (4, 3) in the camera frame can cover, None if out of sight."""
-        kept = []
-        for p, q in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            if p[2] >= NEAR_M:
-                kept.append(p)
-            if (p[2] >= NEAR_M) != (q[2] >= NEAR_M):
-                kept.append(p + (q - p) * ((NEAR_M - p[2]) / (q[2] - p[2])))
-        if not kept:
-            return None
-        points = np.asarray(kept)
-        camera = self.camera
-        u = camera.fx * points[:, 0] / points[:, 2] + camera.cx
-        v = camera.fy * points[:, 1] / points[:, 2] + camera.cy
-        left, right = max(0, int(np.floor(u.min())) - 1), min(camera.width, int(np.ceil(u.max())) + 1)
-        top, bottom = max(0, int(np.floor(v.min())) - 1), min(camera.height, int(np.ceil(v.max())) + 1)
-        if left >= right or top >= bottom:
-            return None
-        return slice(top, bottom), slice(left, right)
+    def _quad_index(self, view: _View) -> NDArray[np.int32]:
+        count = len(self.world.quads)
+        is_quad = (view.surface >= 0) & (view.surface < count * len(view.planes))
+        return np.where(is_quad, view.surface % count, np.int32(NOWHERE))
 
-    def _draw(self, pose: Pose) -> tuple[NDArray[np.int16], _Planes]:
-        planes, corners = self._planes(pose)
-        shape = (self.camera.height, self.camera.width)
-        surface = np.full(shape, NOWHERE, dtype=np.int16)
-        nearest = np.zeros(shape, dtype=np.float32)
-        for q in range(len(corners)):
-            if not planes.inverse_depth[q].any():
+    def _view(self, pose: Pose, solids: Sequence[Solid]) -> _View:
+        grid, count = self._grid, len(self.world.quads)
+        canvas = blank(grid)
+        painted = np.zeros((*grid.shape, 3), dtype=np.uint8) if solids else np.zeros((0, 0, 3), np.uint8)
+        planes = [self._surfaces.planes(pose, grid)]
+        draw(canvas, grid, planes[0])
+        # The solids' indices depend on how many mirrors are in sight: they are moved up at the end.
+        first_solid = 1 << 24
+        draw_solids(canvas, painted, grid, pose, solids, first_solid)
+        mirror = np.zeros(grid.shape, dtype=np.intp)
+        for q in self._mirrors:
+            inside = canvas.surface == q
+            if not inside.any():
                 continue
-            window = self._window(corners[q])
-            if window is None:
-                continue
-            u, v = self._u[:, window[1]], self._v[window[0]]
-            w = _affine(planes.inverse_depth[q], u, v)
-            width, height = self._size[q].astype(np.float32)
-            covered = (w > nearest[window]) & (w < 1.0 / NEAR_M)
-            for f, length in ((planes.across[q], width), (planes.down[q], height)):
-                low, high = np.float32(-EDGE_M), np.float32(length + EDGE_M)
-                covered &= _affine(f - low * planes.inverse_depth[q], u, v) >= 0
-                covered &= _affine(f - high * planes.inverse_depth[q], u, v) <= 0
-            np.copyto(nearest[window], w, where=covered)
-            surface[window][covered] = q
-        return surface, planes
+            plane = self._surfaces.corner[q], self._surfaces.normal[q]
+            behind = reflected(pose, *plane)
+            second = reflection_canvas(grid, inside, planes[0].inverse_depth[q])
+            planes.append(self._surfaces.planes(behind, grid, plane))
+            draw(second, grid, planes[-1], count * (len(planes) - 1))
+            draw_solids(second, painted, grid, behind, solids, first_solid)
+            found = inside & (second.surface != NOWHERE)
+            np.copyto(canvas.surface, second.surface, where=found)
+            np.copyto(canvas.inverse_depth, second.inverse_depth, where=found)
+            mirror[inside] = q + 1
+        solid = canvas.surface >= first_solid
+        canvas.surface[solid] += count * len(planes) - first_solid
+        return _View(canvas.surface, canvas.inverse_depth, mirror, tuple(planes), painted)
 
-    def _texture(self, surface: NDArray[np.int16], planes: _Planes) -> Image:
-        index = np.maximum(surface, 0).astype(np.intp)
-        w_u, w_v, w = self._at_pixels(planes.inverse_depth, index)
-        depth = 1.0 / np.where(surface >= 0, w, 1.0)
+    def _colour(self, view: _View, factor: float) -> Image:
+        count, copies = len(self.world.quads), len(view.planes)
+        quads = (view.surface >= 0) & (view.surface < count * copies)
+        index = np.where(quads, view.surface, 0).astype(np.intp)
+        inverse, across, down = (
+            np.concatenate([getattr(planes, name) for planes in view.planes])
+            for name in ("inverse_depth", "across", "down")
+        )
+        depth = 1.0 / np.where(quads, view.inverse_depth, np.float32(1.0))
+        quad = index if copies == 1 else index % count
+        w_x, w_y = (inverse[:, k].take(index) for k in range(2))
+        grid, pitch = self._grid, self._grid.pitch
         place, level = [], []
-        for axis, f in enumerate((planes.across, planes.down)):
-            f_u, f_v, metres = self._at_pixels(f, index)
-            metres *= depth
+        for axis, f in enumerate((across, down)):
+            f_x, f_y = f[:, 0].take(index), f[:, 1].take(index)
+            at = (f_x * grid.x + f_y * grid.y + f[:, 2].take(index)) * depth
             # Texels of the finest level that a step of one pixel crosses.
-            step = np.hypot(f_u - metres * w_u, f_v - metres * w_v) * depth
-            step *= self._texels[:, axis].take(index)
+            step = np.hypot((f_x - at * w_x) * pitch[0], (f_y - at * w_y) * pitch[1]) * depth
+            step *= self._texels[:, axis].take(quad)
             # log2 by the float's exponent: rounds at 1.5 of each power of two.
             levels = np.frexp(step * np.float32(4.0 / 3.0))[1] - 1
             level.append(np.clip(levels, 0, LEVELS - 1))
-            length = self._size[:, axis].astype(np.float32).take(index)
-            place.append(np.clip(metres / length, 0.0, 1.0))
-        flat = (index * LEVELS + level[0]) * LEVELS + level[1]
+            place.append(at)
+        light = None if self._light is None else self._light.look_up(quad, place)
+        if self._wraps.any():
+            wraps = self._wraps.take(quad)
+            place = [np.where(wraps, p - np.floor(p), p) for p in place]
+        flat = (self._texture.take(quad) * LEVELS + level[0]) * LEVELS + level[1]
         maps = [
             self._atlas.origin[..., k].ravel().take(flat)
-            + self._atlas.scale[..., k].ravel().take(flat) * place[k]
+            + self._atlas.scale[..., k].ravel().take(flat) * np.clip(place[k], 0.0, 1.0)
             for k in range(2)
         ]
         image = cv2.remap(self._atlas.image, maps[0], maps[1], cv2.INTER_LINEAR)
-        outside = surface < 0
-        if outside.any():
-            image[outside] = 40
+        if light is not None:
+            image = cv2.multiply(image, light, scale=factor, dtype=cv2.CV_8U)
+        elif factor != 1.0:
+            image = cv2.convertScaleAbs(image, alpha=factor)
+        others = ~quads
+        if others.any():
+            solid = view.surface >= count * copies
+            if solid.any():
+                image[solid] = np.clip(view.painted[solid] * np.float32(factor), 0, 255).astype(np.uint8)
+            image[others & ~solid] = OUTSIDE
+        for q in self._mirrors:
+            inside = view.mirror == q + 1
+            if inside.any():
+                tint = self.world.quads[q].texture.mean(axis=(0, 1)) / 255.0
+                image[inside] = (image[inside] * tint).astype(np.uint8)
         return np.asarray(image, dtype=np.uint8)
 
-    def _at_pixels(self, f: Floats, index: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
-        """Derivatives by u and v, and values, of each pixel's own affine function."""
-        f_u, f_v = f[:, 0].take(index), f[:, 1].take(index)
-        return f_u, f_v, f_u * self._u + f_v * self._v + f[:, 2].take(index)
 
-    def _expose(self, colour: Image, light: Light, rng: np.random.Generator | None) -> Image:
-        levels = np.arange(256) / 255.0
-        tint = np.sqrt(light.warmth)
-        curve = np.stack(
-            [255.0 * light.gain * t * levels**light.gamma for t in (1.0 / tint, 1.0, tint)], axis=-1
-        )
-        table = curve.clip(0, 255).round().astype(np.uint8)[None]
-        out = cv2.LUT(colour, table)
-        if light.vignette > 0:
-            factor = 1.0 - light.vignette * self._corner_darkness
-            out = cv2.multiply(out, cv2.merge([factor] * 3), dtype=cv2.CV_8U)
-        if rng is not None and light.noise > 0:
-            out = _add_noise(np.asarray(out, dtype=np.uint8), light.noise, rng)
-        return np.asarray(out, dtype=np.uint8)
-
-
-def _affine(f: Floats, u: Floats, v: Floats) -> Floats:
-    """``f0 u + f1 v + f2`` on a window of pixels."""
-    return np.asarray((f[0] * u + f[2]) + f[1] * v)
-
-
-def _add_noise(image: Image, sigma: float, rng: np.random.Generator) -> Image:
-    """Grey noise, drawn as a tile four times smaller and shifted: fast, and new in every picture."""
-    height, width = image.shape[:2]
-    tile = rng.normal(scale=sigma, size=(height // 2 + 1, width // 2 + 1)).astype(np.float32)
-    noise = np.roll(np.tile(tile, (2, 2)), rng.integers(0, 64, size=2), axis=(0, 1))[:height, :width]
-    return np.asarray(cv2.add(image, cv2.merge([noise] * 3), dtype=cv2.CV_8U), dtype=np.uint8)
+def _things(parts: Sequence[Quad | Solid]) -> tuple[Thing, ...]:
+    """What the parts belong to, each once."""
+    return tuple(dict.fromkeys(part.thing for part in parts if part.thing is not None))
