@@ -6,7 +6,7 @@ import asyncio
 import sys
 from collections.abc import Coroutine
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import Annotated, Any, Literal, NoReturn, TypeVar
 
 import typer
 
@@ -179,6 +179,21 @@ def evaluate(context: typer.Context) -> None:
     from server.evaluation.commands import app as evaluation
 
     evaluation(args=context.args, prog_name="pairnavi evaluate")
+
+
+@app.command()
+def spec(
+    document: Annotated[Literal["openapi", "asyncapi"], typer.Argument(help="Of HTTP, or of the socket.")],
+    out: Annotated[Path | None, typer.Option(help="Write there instead of to standard output.")] = None,
+) -> None:
+    """Write the contract for machines: OpenAPI 3.1 of HTTP, AsyncAPI 3.0 of the navigation socket."""
+    from server.api.specification import specification
+
+    text = specification(document)
+    if out is None:
+        sys.stdout.write(text)
+    else:
+        out.write_text(text, encoding="utf-8")
 
 
 def _run(work: Coroutine[Any, Any, T]) -> T:

@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
 
-from server.api import health, navigate, problems, routes, uploads
+from server.api import health, navigate, openapi, problems, routes, uploads
 from server.api.body_limit import BodyLimit
 from server.api.components import Entries, assemble
 from server.api.host_check import HostCheck
@@ -42,6 +42,7 @@ def create_app(settings: Settings | None = None, entries: Entries | None = None)
         redoc_url=None,
         openapi_url="/v1/openapi.json",
         redirect_slashes=False,
+        generate_unique_id_function=openapi.operation_id,
     )
     app.add_middleware(BodyLimit, limit=chosen.max_message_bytes)
     # Added last, asked first.
@@ -49,4 +50,5 @@ def create_app(settings: Settings | None = None, entries: Entries | None = None)
     problems.install(app)
     for module in (health, routes, uploads, navigate):
         app.include_router(module.router)
+    openapi.install(app)
     return app

@@ -21,7 +21,9 @@ def product_version() -> str:
         return "unknown"
 
 
-@router.get("/health")
+@router.get(
+    "/health", responses={503: {"model": HealthDocument, "description": "Degraded: something is missing"}}
+)
 async def health(parts: Parts, response: Response) -> HealthDocument:
     """For load balancers and people; 503 when something is missing. Open to everybody."""
     database = await parts.database.is_alive()

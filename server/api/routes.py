@@ -12,6 +12,7 @@ from fastapi.responses import StreamingResponse
 from server.api.auth import Caller
 from server.api.components import Parts
 from server.api.json_body import json_body
+from server.api.openapi import may_answer
 from server.api.presenters import route_document
 from server.api.transactions import Unit
 from server.protocol.documents import (
@@ -22,11 +23,14 @@ from server.protocol.documents import (
     RouteDocument,
     RouteList,
 )
+from server.protocol.problem_codes import ProblemCode
 from server.services.routes import Download
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {
     "default": {"model": Problem, "description": "A problem document (RFC 9457)"}
 }
+
+_OF_A_MAP = may_answer(ProblemCode.ROUTE_NOT_FOUND, ProblemCode.ROUTE_NOT_READY, ProblemCode.MAP_UNUSABLE)
 
 router = APIRouter(prefix="/v1/routes", tags=["routes"], responses=PROBLEMS)
 
@@ -48,13 +52,15 @@ async def create_route(
     return route_document(route)
 
 
-@router.get("")
+@router.get("", responses=may_answer(ProblemCode.CURSOR_INVALID))
 async def list_routes(
     caller: Caller,
     unit: Unit,
     parts: Parts,
-    limit: Annotated[int, Query(ge=1, le=200)] = 50,
-    cursor: Annotated[str | None, Query(max_length=100)] = None,
+    limit: Annotated[int, Query(ge=1, le=200, description="Routes on a page.")] = 50,
+    cursor: Annotated[
+        str | None, Query(max_length=100, description="`next` of the page before; the first page without.")
+    ] = None,
 ) -> RouteList:
     """The caller's routes, newest first."""
     routes, following = await parts.routes.page(unit, caller.owner, limit, cursor)
@@ -62,20 +68,24 @@ async def list_routes(
     return RouteList(routes=documents, next=following)
 
 
-@router.get("/{route_id}")
+@router.get("/{route_id}", responses=may_answer(ProblemCode.ROUTE_NOT_FOUND))
 async def read_route(route_id: UUID, caller: Caller, unit: Unit, parts: Parts) -> RouteDocument:
     """A route: its state, and how far its build is or what came of it."""
     route = await parts.routes.get(unit, caller.owner, route_id)
     return route_document(route, parts.jobs.progress(route_id))
 
 
-@router.delete("/{route_id}", status_code=204)
+@router.delete("/{route_id}", status_code=204, responses=may_answer(ProblemCode.ROUTE_NOT_FOUND))
 async def delete_route(route_id: UUID, caller: Caller, unit: Unit, parts: Parts) -> None:
     """Remove a route with its files; its build is stopped and its followers are told."""
     await parts.routes.delete(unit, caller.owner, route_id)
 
 
-@router.put("/{route_id}/camera", dependencies=[Depends(json_body)])
+@router.put(
+    "/{route_id}/camera",
+    dependencies=[Depends(json_body)],
+    responses=may_answer(ProblemCode.ROUTE_NOT_FOUND, ProblemCode.ROUTE_STATE, ProblemCode.CAMERA_INVALID),
+)
 async def put_camera(
     route_id: UUID, body: CameraDescription, caller: Caller, unit: Unit, parts: Parts
 ) -> RouteDocument:
@@ -84,14 +94,18 @@ async def put_camera(
     return route_document(route)
 
 
-@router.get("/{route_id}/path", response_model=PathDocument)
+@router.get("/{route_id}/path", response_model=PathDocument, responses=_OF_A_MAP)
 async def read_path(route_id: UUID, caller: Caller, unit: Unit, parts: Parts) -> StreamingResponse:
     """The walked path and its turns, for drawing."""
     route = await parts.routes.get(unit, caller.owner, route_id)
     return await _sent(await parts.routes.path_file(route), "application/json")
 
 
-@router.get("/{route_id}/map", response_class=StreamingResponse)
+@router.get(
+    "/{route_id}/map",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"application/octet-stream": {}}}, **_OF_A_MAP},
+)
 async def read_map(route_id: UUID, caller: Caller, unit: Unit, parts: Parts) -> StreamingResponse:
     """The route map's file."""
     route = await parts.routes.get(unit, caller.owner, route_id)

@@ -10,9 +10,11 @@ from starlette.requests import ClientDisconnect
 
 from server.api.auth import Caller
 from server.api.components import Parts
+from server.api.openapi import may_answer
 from server.api.presenters import route_document
 from server.api.routes import PROBLEMS
 from server.protocol.documents import RouteDocument
+from server.protocol.problem_codes import ProblemCode
 from server.services.errors import UploadIncompleteError
 
 router = APIRouter(prefix="/v1/routes", tags=["routes"], responses=PROBLEMS)
@@ -20,6 +22,12 @@ router = APIRouter(prefix="/v1/routes", tags=["routes"], responses=PROBLEMS)
 
 @router.put(
     "/{route_id}/video",
+    responses=may_answer(
+        ProblemCode.ROUTE_NOT_FOUND,
+        ProblemCode.ROUTE_STATE,
+        ProblemCode.UPLOAD_TOO_LARGE,
+        ProblemCode.UPLOAD_INCOMPLETE,
+    ),
     openapi_extra={
         "requestBody": {
             "required": True,

@@ -8,6 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
 
+from server.protocol.codes import BuildStageCode, FailureCode, ScaleSourceCode, known
+
 _JOINERS = "\u200c\u200d"
 """Zero-width (non-)joiners: Persian and Indic spelling and joined emoji need them."""
 
@@ -32,6 +34,9 @@ class CameraDescription(BaseModel):
     """Intrinsics of a camera, models and parameter order as in COLMAP.
 
     Attributes:
+        model: ``PINHOLE`` or ``OPENCV``.
+        width: of the stored picture, pixels.
+        height: of the stored picture, pixels.
         params: pixels; PINHOLE: fx, fy, cx, cy; OPENCV: fx, fy, cx, cy, k1, k2, p1, p2. The centre
             of the first pixel is (0.5, 0.5).
         fps: as recorded; not used.
@@ -50,8 +55,11 @@ class CreateRoute(BaseModel):
     """A new route.
 
     Attributes:
-        measured_length_m: length of the walked path if somebody measured it, 0.1 to 100,000: fixes the
-            map's scale.
+        name: of the route, one line for people.
+        start_label: name of the place where it begins.
+        destination_label: name of the place where it ends.
+        measured_length_m: metres, length of the walked path if somebody measured it, 0.1 to
+            100,000: fixes the map's scale.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -76,22 +84,32 @@ class BuildDocument(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    stage: str
+    stage: Annotated[str, known(BuildStageCode)]
     fraction: float
     attempt: int
 
 
 class FailureDocument(BaseModel):
-    """Why there is no map: ``reason`` is a stable code, ``detail`` a sentence for the leader."""
+    """Why there is no map.
+
+    Attributes:
+        reason: a stable code.
+        detail: a sentence for the leader.
+    """
 
     model_config = ConfigDict(frozen=True)
 
-    reason: str
+    reason: Annotated[str, known(FailureCode)]
     detail: str
 
 
 class LostInterval(BaseModel):
-    """Seconds of the video without a tracked frame."""
+    """A stretch of the video without a tracked frame.
+
+    Attributes:
+        start_s: seconds of the video.
+        end_s: seconds of the video.
+    """
 
     model_config = ConfigDict(frozen=True)
 
@@ -100,7 +118,17 @@ class LostInterval(BaseModel):
 
 
 class QualityReport(BaseModel):
-    """Figures of a build that ended, well or not."""
+    """Figures of a build that ended, well or not.
+
+    Attributes:
+        frames: used, 10 for a second of video.
+        tracked_frames: of these, the ones whose pose is their own.
+        keyframes: kept in the map.
+        landmarks: points in space.
+        video_s: seconds of video.
+        lost: where the camera could not be followed.
+        build_s: seconds that the build took.
+    """
 
     model_config = ConfigDict(frozen=True)
 
@@ -118,8 +146,12 @@ class MapSummary(BaseModel):
 
     Attributes:
         length: of the walked path in map units.
+        length_m: of the walked path, metres; null while the scale is unknown.
         metres_per_unit: null while the scale is unknown.
-        scale_source: what fixed it.
+        scale_source: what fixed the scale.
+        duration_s: seconds that the leader took.
+        turns: their number.
+        bytes: of the map's file.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -127,14 +159,31 @@ class MapSummary(BaseModel):
     length: float
     length_m: float | None
     metres_per_unit: float | None
-    scale_source: str
+    scale_source: Annotated[str, known(ScaleSourceCode)]
     duration_s: float
     turns: int
     bytes: int
 
 
 class RouteDocument(BaseModel):
-    """A route."""
+    """A route.
+
+    Attributes:
+        id: a UUID.
+        name: of the route.
+        start_label: name of the place where it begins.
+        destination_label: name of the place where it ends.
+        measured_length_m: metres, as the leader gave it.
+        state: ``created``, then ``uploaded`` once everything is there, ``building``, ``ready`` or ``failed``.
+        has_camera: whether the leader's camera is there.
+        video_bytes: of the stored video; null before it is there.
+        build: how far the building of the map is; null before it is due.
+        failure: set exactly while the state is ``failed``.
+        report: figures of the last build that ended.
+        map: set exactly when the state is ``ready``.
+        created_at: RFC 3339, UTC.
+        updated_at: RFC 3339, UTC.
+    """
 
     model_config = ConfigDict(frozen=True)
 
@@ -155,7 +204,12 @@ class RouteDocument(BaseModel):
 
 
 class RouteList(BaseModel):
-    """A page of routes, newest first; ``next`` is the cursor of the following page or null."""
+    """A page of routes, newest first.
+
+    Attributes:
+        routes: up to the limit that was asked for.
+        next: the cursor of the following page; null on the last.
+    """
 
     model_config = ConfigDict(frozen=True)
 
@@ -164,7 +218,13 @@ class RouteList(BaseModel):
 
 
 class TurnDocument(BaseModel):
-    """A turn: arc lengths in map units, angle in radians, positive to the left."""
+    """A stretch of the path on which its heading changes.
+
+    Attributes:
+        start: arc length where it begins, map units.
+        end: arc length where it ends, map units.
+        angle: radians, positive to the left.
+    """
 
     model_config = ConfigDict(frozen=True)
 
@@ -178,16 +238,18 @@ class PathDocument(BaseModel):
 
     Attributes:
         metres_per_unit: null while the scale is unknown.
-        time_s: (F,) seconds of the video.
-        position: (F, 3) in the map's frame and unit, z up as far as it is known.
-        arc_length: (F,) map units walked.
-        tracked: (F,) false where a pose is interpolated.
+        scale_source: what fixed the scale.
+        time_s: seconds of the video, one for each of F frames.
+        position: x, y, z of each frame in the map's frame and unit, z up as far as it is known.
+        arc_length: map units walked up to each frame.
+        tracked: for each frame, false where its pose is interpolated.
+        turns: in the order of the path.
     """
 
     model_config = ConfigDict(frozen=True)
 
     metres_per_unit: float | None
-    scale_source: str
+    scale_source: Annotated[str, known(ScaleSourceCode)]
     time_s: tuple[float, ...]
     position: tuple[tuple[float, float, float], ...]
     arc_length: tuple[float, ...]
@@ -196,7 +258,17 @@ class PathDocument(BaseModel):
 
 
 class HealthDocument(BaseModel):
-    """Whether the service works; ``status`` is ``ok`` or ``degraded``."""
+    """Whether the service works.
+
+    Attributes:
+        status: ``ok``, or ``degraded`` when the database or every navigation process is missing.
+        version: of the service.
+        protocol: version of the navigation socket.
+        database: whether it answers.
+        navigation_workers: processes that live.
+        navigation_sessions: connected or waiting to be resumed.
+        builds: that run now.
+    """
 
     model_config = ConfigDict(frozen=True)
 
@@ -214,7 +286,11 @@ class Problem(BaseModel):
 
     Attributes:
         type: a stable URN, ``urn:pairnavi:problem:<code>``.
-        code: the same without its prefix.
+        title: the code in words.
+        status: the HTTP status.
+        detail: a sentence for whoever asked.
+        code: the type without its prefix.
+        instance: path of the request.
         errors: of a request that does not validate: where and what.
     """
 

@@ -4,32 +4,71 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from server.protocol.close_codes import CloseCode
+
 
 class ErrorCode(StrEnum):
-    """What was not accepted. Those marked fatal in docs/protocol.md are followed by a close."""
+    """What was not accepted: ``NAME = value, close code or None, meaning``.
 
-    STALE_FRAME = "stale_frame"
-    BAD_FRAME = "bad_frame"
-    FRAME_LOST = "frame_lost"
-    UNSUPPORTED_FRAME_TYPE = "unsupported_frame_type"
-    UNSUPPORTED_FRAME_VERSION = "unsupported_frame_version"
-    BAD_FRAME_HEADER = "bad_frame_header"
-    BAD_HELLO = "bad_hello"
-    BAD_MESSAGE = "bad_message"
-    UNSUPPORTED_PROTOCOL = "unsupported_protocol"
-    CAMERA_REQUIRED = "camera_required"
-    BAD_CAMERA = "bad_camera"
-    UNKNOWN_ROUTE = "unknown_route"
-    ROUTE_NOT_READY = "route_not_ready"
-    ROUTE_DELETED = "route_deleted"
-    MAP_UNUSABLE = "map_unusable"
-    TOO_LARGE = "too_large"
-    RATE_EXCEEDED = "rate_exceeded"
-    SLOW_CLIENT = "slow_client"
-    IDLE_TIMEOUT = "idle_timeout"
-    SUPERSEDED = "superseded"
-    UNAUTHORIZED = "unauthorized"
-    FORBIDDEN_ORIGIN = "forbidden_origin"
-    BUSY = "busy"
-    GOING_AWAY = "going_away"
-    INTERNAL_ERROR = "internal_error"
+    Attributes:
+        close: the close that follows, None where the connection goes on.
+        meaning: what happened, for a developer.
+        in_goodbye: told as the reason of a ``goodbye`` rather than by an ``error``.
+    """
+
+    close: CloseCode | None
+    meaning: str
+    in_goodbye: bool
+
+    def __new__(
+        cls, value: str, close: CloseCode | None = None, meaning: str = "", in_goodbye: bool = False
+    ) -> ErrorCode:
+        """A member; see the class."""
+        member = str.__new__(cls, value)
+        member._value_ = value
+        member.close = close
+        member.meaning = meaning
+        member.in_goodbye = in_goodbye
+        return member
+
+    STALE_FRAME = "stale_frame", None, "a picture out of order or sent twice"
+    BAD_FRAME = (
+        "bad_frame",
+        None,
+        "no JPEG, or not of the camera's shape; a time over an hour ahead of the phone's clock",
+    )
+    FRAME_LOST = "frame_lost", None, "a picture that was taken but could not be answered"
+    UNSUPPORTED_FRAME_TYPE = "unsupported_frame_type", None, "a type that this version does not know"
+    UNSUPPORTED_FRAME_VERSION = (
+        "unsupported_frame_version",
+        CloseCode.UNSUPPORTED_VERSION,
+        "the version in a binary header",
+    )
+    BAD_FRAME_HEADER = "bad_frame_header", CloseCode.BAD_FRAME_HEADER, "magic, length or capture time"
+    BAD_HELLO = "bad_hello", CloseCode.BAD_MESSAGE, "none came, or it does not fit"
+    BAD_MESSAGE = "bad_message", CloseCode.BAD_MESSAGE, "not JSON, an unknown type or field, a second hello"
+    UNSUPPORTED_PROTOCOL = "unsupported_protocol", CloseCode.UNSUPPORTED_VERSION, "the hello's `protocol`"
+    CAMERA_REQUIRED = "camera_required", CloseCode.BAD_CAMERA, "the camera is unknown"
+    BAD_CAMERA = "bad_camera", CloseCode.BAD_CAMERA, "no real camera fits, or its pictures are too large"
+    UNKNOWN_ROUTE = "unknown_route", CloseCode.UNKNOWN_ROUTE, "no such route of this caller"
+    ROUTE_NOT_READY = "route_not_ready", CloseCode.ROUTE_NOT_READY, "the route has no map, or none yet"
+    ROUTE_DELETED = "route_deleted", CloseCode.ROUTE_DELETED, "the route was removed", True
+    MAP_UNUSABLE = (
+        "map_unusable",
+        CloseCode.MAP_UNUSABLE,
+        "the stored map is gone, damaged or of another version",
+    )
+    TOO_LARGE = "too_large", CloseCode.TOO_LARGE, "a message beyond the limits"
+    RATE_EXCEEDED = (
+        "rate_exceeded",
+        CloseCode.RATE_EXCEEDED,
+        "more messages than the limits; bursts of four seconds' worth pass",
+    )
+    SLOW_CLIENT = "slow_client", CloseCode.SLOW_CLIENT, "the client does not read; closed without a message"
+    IDLE_TIMEOUT = "idle_timeout", CloseCode.IDLE_TIMEOUT, "nothing came for `idle_timeout_s`"
+    SUPERSEDED = "superseded", CloseCode.SUPERSEDED, "the session was resumed elsewhere", True
+    UNAUTHORIZED = "unauthorized", CloseCode.UNAUTHORIZED, "who is asking is not known (reserved)"
+    FORBIDDEN_ORIGIN = "forbidden_origin", CloseCode.FORBIDDEN_ORIGIN, "a browser's page of another site"
+    BUSY = "busy", CloseCode.BUSY, "all sessions are taken"
+    GOING_AWAY = "going_away", CloseCode.GOING_AWAY, "the service stops", True
+    INTERNAL_ERROR = "internal_error", CloseCode.INTERNAL_ERROR, "the service failed"

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
+from server.protocol.codes import InstructionCode, RefusalCode, StateCode, known
 from server.protocol.documents import CameraDescription
 from server.protocol.frames import MAX_CAPTURE_TIME_US, MAX_SEQUENCE
 
@@ -74,7 +75,14 @@ ClientMessage = Annotated[Hello | Ping | End, Field(discriminator="type")]
 
 
 class Limits(_FromServer):
-    """What the service accepts on this connection."""
+    """What the service accepts on this connection.
+
+    Attributes:
+        max_frame_bytes: of a binary message without its header.
+        max_message_bytes: of a text message, UTF-8.
+        max_pixels: width times height of the camera's pictures.
+        max_frames_per_second: sustained; bursts of four seconds' worth pass.
+    """
 
     max_frame_bytes: int
     max_message_bytes: int
@@ -86,8 +94,12 @@ class RouteSummary(_FromServer):
     """The route a client is guided on.
 
     Attributes:
-        length_m: null while the scale is unknown.
-        duration_s: what the leader took.
+        id: the route's.
+        name: what the leader called it.
+        start_label: name of the place where it begins.
+        destination_label: name of the place where it ends.
+        length_m: metres; null while the scale is unknown.
+        duration_s: seconds that the leader took.
         turns: their number.
     """
 
@@ -104,11 +116,17 @@ class Welcome(_FromServer):
     """The answer to ``hello``.
 
     Attributes:
+        protocol: version that the service speaks on this connection.
+        session_id: names the session in the service's log; no secret.
         resume_token: secret; opens this session again within ``resume_within_s`` of a lost connection.
         resumed: whether an earlier session goes on.
         last_sequence: of a resumed session: the next frame's must be greater; null when none was taken.
-        heartbeat_interval_s: send a ping this often.
-        idle_timeout_s: the connection is closed after so long without a message.
+        server_clock_us: the service's clock now, microseconds from an origin of its own.
+        heartbeat_interval_s: seconds; send a ping this often.
+        idle_timeout_s: seconds; the connection is closed after so long without a message.
+        resume_within_s: seconds that the session outlives its connection.
+        limits: what the service accepts on this connection.
+        route: what the follower is guided on.
     """
 
     type: Literal["welcome"] = "welcome"
@@ -129,8 +147,9 @@ class Age(_FromServer):
     """How old an update is when it is sent.
 
     Attributes:
-        server_ms: since the frame was received.
-        capture_ms: since the picture was taken, by the estimated clock offset; null while there is none.
+        server_ms: milliseconds since the frame was received.
+        capture_ms: milliseconds since the picture was taken, by the estimated offset of the clocks;
+            null while there is none.
     """
 
     server_ms: float
@@ -141,11 +160,13 @@ class FixMessage(_FromServer):
     """A pose in the route map's frame and unit, of the camera turned upright.
 
     Attributes:
-        position: camera centre.
-        orientation: world_from_camera quaternion.
+        position: x, y, z of the camera's centre, map units, z up as far as it is known.
+        orientation: world_from_camera as a quaternion x, y, z, w; camera axes x right, y down, z forward.
         position_sigma: radius of one standard deviation of the position, map units.
         rotation_sigma: the same of the orientation, radians.
         inliers: correspondences that agree with the pose.
+        matches: correspondences that were tried.
+        keyframe: index of the nearest keyframe of the map.
     """
 
     position: Vector3
@@ -158,14 +179,25 @@ class FixMessage(_FromServer):
 
 
 class RefusalMessage(_FromServer):
-    """Why the frame has no pose."""
+    """Why the frame has no pose.
 
-    reason: str
+    Attributes:
+        reason: a code; the sentence is the client's.
+        inliers: correspondences that agreed with the best pose, too few of them.
+    """
+
+    reason: Annotated[str, known(RefusalCode)]
     inliers: int
 
 
 class NextTurnMessage(_FromServer):
-    """The next turn; ``seconds`` is what the leader took to its beginning."""
+    """The next turn that has not begun.
+
+    Attributes:
+        angle: radians by which the route turns, positive to the left.
+        distance_m: metres along the route to its beginning; null while the scale is unknown.
+        seconds: what the leader took from here to its beginning.
+    """
 
     angle: float
     distance_m: float | None
@@ -176,15 +208,21 @@ class GuidanceMessage(_FromServer):
     """What to do: codes with numbers, sentences are the client's.
 
     Attributes:
-        progress: 0 to 1.
-        bearing: to the temporary destination in the camera, radians, positive to the left.
+        progress: fraction of the route walked, 0 to 1.
+        walked_m: metres along the route; null while the scale is unknown.
+        remaining_m: metres along the route; null while the scale is unknown.
+        remaining_s: seconds that the leader took from here to the destination.
+        instruction: what to do now.
+        bearing: radians from where the camera looks to the temporary destination, about the vertical,
+            positive to the left, -pi to pi.
+        next_turn: null after the last one has begun.
     """
 
     progress: float
     walked_m: float | None
     remaining_m: float | None
     remaining_s: float
-    instruction: str
+    instruction: Annotated[str, known(InstructionCode)]
     bearing: float
     next_turn: NextTurnMessage | None
 
@@ -197,7 +235,7 @@ class FrameCounts(_FromServer):
         answered: with an update.
         replaced: dropped because a newer one came before they were looked at.
         stale: dropped because they came out of order or twice.
-        bad: no JPEG, of the wrong size, or from the future.
+        bad: no JPEG, of the wrong shape, or from the future.
     """
 
     received: int
@@ -208,13 +246,25 @@ class FrameCounts(_FromServer):
 
 
 class UpdateMessage(_FromServer):
-    """The answer to one frame; of ``fix`` and ``refusal`` exactly one is set."""
+    """The answer to one frame; of ``fix`` and ``refusal`` exactly one is set.
+
+    Attributes:
+        sequence: of the frame.
+        capture_time_us: of the frame, as it was sent.
+        age: how old the frame is when this is sent.
+        state: where the follower stands with regard to the route.
+        fix: the pose; null if the frame was refused.
+        refusal: why there is no pose; null if there is one.
+        guidance: what to do; null until the route has been found, while it is in doubt which part of
+            the route a fix belongs to, and 0.75 s after the last fix.
+        frames: of the session so far.
+    """
 
     type: Literal["update"] = "update"
     sequence: int
     capture_time_us: int
     age: Age
-    state: str
+    state: Annotated[str, known(StateCode)]
     fix: FixMessage | None
     refusal: RefusalMessage | None
     guidance: GuidanceMessage | None
@@ -226,6 +276,7 @@ class ErrorMessage(_FromServer):
 
     Attributes:
         code: stable, documented.
+        detail: a sentence for developers; it may change.
         sequence: of the frame concerned, if one is.
         fatal: the connection is closed after this message.
     """
@@ -238,7 +289,13 @@ class ErrorMessage(_FromServer):
 
 
 class Pong(_FromServer):
-    """The answer to a ping; ``clock_us`` is the ping's."""
+    """The answer to a ping.
+
+    Attributes:
+        id: the ping's.
+        clock_us: the ping's: the phone's clock when it was sent.
+        server_clock_us: the service's clock now, microseconds from an origin of its own.
+    """
 
     type: Literal["pong"] = "pong"
     id: int
@@ -247,7 +304,13 @@ class Pong(_FromServer):
 
 
 class Goodbye(_FromServer):
-    """The last message before an orderly close; ``may_resume`` as in :class:`CloseCode`."""
+    """The last message before an orderly close.
+
+    Attributes:
+        reason: ``ended`` after the client's ``end``, else a code.
+        may_resume: whether a new connection with the resume token is the right answer.
+        frames: of the session so far.
+    """
 
     type: Literal["goodbye"] = "goodbye"
     reason: str
