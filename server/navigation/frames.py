@@ -9,6 +9,12 @@ from numpy.typing import NDArray
 MAX_PIXELS = 16_000_000
 """Largest picture taken unless told otherwise. A phone sends far less; a bomb claims far more."""
 
+MAX_SCANS = 32
+"""Scans of one picture. Encoders write up to about a dozen; each costs a pass over all the picture's blocks,
+however few its bytes."""
+
+_START_OF_SCAN = b"\xff\xda"
+
 
 class BadFrameError(ValueError):
     """The bytes are no JPEG picture that can be used."""
@@ -44,14 +50,18 @@ def jpeg_size(payload: bytes) -> tuple[int, int]:
 def decode_frame(payload: bytes, *, max_pixels: int = MAX_PIXELS) -> NDArray[np.uint8]:
     """Grey image (H, W) of a JPEG as its pixels lie: an EXIF orientation is not looked at.
 
-    The size is read before anything is decoded, so that a small file cannot fill the memory.
+    Size and scans are looked at before anything is decoded, so that few bytes can take neither much memory
+    nor much time.
 
     Raises:
-        BadFrameError: no JPEG, damaged, or larger than ``max_pixels``.
+        BadFrameError: no JPEG, damaged, larger than ``max_pixels``, or of more than ``MAX_SCANS`` scans.
     """
     width, height = jpeg_size(payload)
     if not (width >= 16 and height >= 16 and width * height <= max_pixels):
         raise BadFrameError(f"a frame of {width}x{height} pixels is not taken; at most {max_pixels} pixels")
+    # Within a scan's data a 0xFF is followed by a zero (T.81, B.1.1.5): no scan begins without these bytes.
+    if payload.count(_START_OF_SCAN) > MAX_SCANS:
+        raise BadFrameError(f"a JPEG of more than {MAX_SCANS} scans is not taken; send a baseline one")
     try:
         image = cv2.imdecode(
             np.frombuffer(payload, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION

@@ -13,7 +13,7 @@ import numpy as np
 from server.geometry.cameras import Camera
 from server.mapping.codec import RouteMapFileError, load_route_map
 from server.mapping.route_map import RouteMap
-from server.navigation.frames import BadFrameError, decode_frame
+from server.navigation.frames import BadFrameError, decode_frame, jpeg_size
 from server.navigation.session import NavigationSession, SessionSnapshot
 from server.navigation.updates import Update
 from server.workers.navigation_messages import MapRefused, PictureRefused
@@ -74,18 +74,22 @@ class MapSession:
     def process(self, picture: bytes, capture_time: float, sequence: int) -> Update:
         """See :meth:`EngineSession.process`."""
         try:
+            # Before anything is decoded: a picture of another size is not worth the time.
+            self._check_size(*jpeg_size(picture))
             image = decode_frame(picture, max_pixels=self._max_pixels)
         except BadFrameError as error:
             raise PictureRefused(str(error)) from None
-        if image.shape != (self._camera.height, self._camera.width):
-            raise PictureRefused(
-                f"the picture is {image.shape[1]}x{image.shape[0]}, "
-                f"its camera {self._camera.width}x{self._camera.height}"
-            )
+        self._check_size(image.shape[1], image.shape[0])
         if self._turn is not None:
             image = np.asarray(cv2.rotate(image, self._turn), dtype=np.uint8)
         update: Update = self._session.process(image, capture_time, sequence)
         return update
+
+    def _check_size(self, width: int, height: int) -> None:
+        if (width, height) != (self._camera.width, self._camera.height):
+            raise PictureRefused(
+                f"the picture is {width}x{height}, its camera {self._camera.width}x{self._camera.height}"
+            )
 
     def snapshot(self) -> Any:
         """See :meth:`EngineSession.snapshot`."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import resource
 import struct
+import time
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from server.navigation.frames import MAX_PIXELS, BadFrameError, decode_frame, jpeg_size
 
@@ -163,3 +167,84 @@ def test_a_later_header_cannot_smuggle_a_larger_picture_in() -> None:
 def test_a_picture_without_a_usable_size_is_refused(size: tuple[int, int]) -> None:
     with pytest.raises(BadFrameError):
         decode_frame(_claiming(_jpeg(64, 48), *size))
+
+
+@pytest.mark.parametrize("side", [64, 4000])
+def test_a_picture_of_endless_scans_is_refused_before_it_is_decoded(side: int) -> None:
+    """A progressive JPEG may repeat a scan of a few bytes that passes over every block of the picture."""
+    grey = np.full((side, side), 128, np.uint8)
+    done, encoded = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])
+    assert done
+    data = encoded.tobytes()
+    assert decode_frame(data).shape == (side, side)
+    last = data[data.rindex(b"\xff\xda") : -2]
+    bomb = data[:-2] + last * 1_000 + b"\xff\xd9"
+    before = time.process_time()
+    with pytest.raises(BadFrameError, match="scans"):
+        decode_frame(bomb)
+    assert time.process_time() - before < 0.1
+
+
+@pytest.mark.parametrize("extension", [".png", ".webp", ".bmp", ".tiff", ".jp2", ".gif"])
+def test_pictures_of_other_formats_are_refused(extension: str) -> None:
+    done, data = cv2.imencode(extension, np.full((48, 64, 3), 77, np.uint8))
+    assert done
+    with pytest.raises(BadFrameError, match="no JPEG"):
+        decode_frame(data.tobytes())
+
+
+def test_a_heic_is_refused() -> None:
+    with pytest.raises(BadFrameError, match="no JPEG"):
+        decode_frame(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(500))
+
+
+def test_four_colour_pictures_are_read_or_refused() -> None:
+    """CMYK, as printers have it: three components become four by name only, so the data cannot fit."""
+    data = _jpeg(64, 48)
+    at = data.index(b"\xff\xc0")
+    length = struct.unpack_from(">H", data, at + 2)[0]
+    header = data[at : at + 2 + length]
+    four = header[:2] + struct.pack(">H", length + 3) + header[4:9] + b"\x04" + header[10:] + b"\x04\x11\x00"
+    with contextlib.suppress(BadFrameError):
+        assert decode_frame(data[:at] + four + data[at + 2 + length :]).shape == (48, 64)
+
+
+@pytest.mark.parametrize("size", [(65535, 65535), (65535, 16), (16, 65535), (16384, 16384)])
+def test_the_largest_sizes_of_the_format_are_decided_by_their_pixels(size: tuple[int, int]) -> None:
+    claimed = _claiming(_jpeg(64, 48), *size)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    if size[0] * size[1] > MAX_PIXELS:
+        with pytest.raises(BadFrameError, match="at most"):
+            decode_frame(claimed)
+    else:
+        with contextlib.suppress(BadFrameError):
+            assert decode_frame(claimed).shape == size[::-1]
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000
+
+
+@settings(max_examples=150, derandomize=True, deadline=None)
+@given(st.data())
+def test_no_bytes_do_worse_than_a_refusal(data: st.DataObject) -> None:
+    """Cut, spliced and overwritten pictures."""
+    picture = bytearray(PICTURES[data.draw(st.integers(0, len(PICTURES) - 1))])
+    for _ in range(data.draw(st.integers(0, 6))):
+        at = data.draw(st.integers(0, len(picture)))
+        picture[at : at + data.draw(st.integers(0, 40))] = data.draw(
+            st.sampled_from([b"", b"\xff", b"\xff\xd8", b"\xff\xda", b"\xff\xc0", b"\xff\xc2", b"\0" * 9])
+            | st.binary(max_size=20)
+        )
+    try:
+        image = decode_frame(bytes(picture))
+    except BadFrameError:
+        return
+    assert image.ndim == 2
+    assert image.size <= MAX_PIXELS
+
+
+PICTURES = (
+    _jpeg(64, 48),
+    _jpeg(33, 17, cv2.IMWRITE_JPEG_PROGRESSIVE, 1),
+    _jpeg(64, 48, channels=1),
+    b"",
+    b"\xff\xd8",
+)
