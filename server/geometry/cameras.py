@@ -15,6 +15,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pycolmap
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
@@ -25,12 +26,20 @@ class CameraModel(StrEnum):
     """Camera models by their COLMAP names."""
 
     PINHOLE = "PINHOLE"
+    SIMPLE_PINHOLE = "SIMPLE_PINHOLE"
+    SIMPLE_RADIAL = "SIMPLE_RADIAL"
+    RADIAL = "RADIAL"
     OPENCV = "OPENCV"
+    OPENCV_FISHEYE = "OPENCV_FISHEYE"
 
 
 PARAMETER_NAMES: dict[CameraModel, tuple[str, ...]] = {
     CameraModel.PINHOLE: ("fx", "fy", "cx", "cy"),
+    CameraModel.SIMPLE_PINHOLE: ("f", "cx", "cy"),
+    CameraModel.SIMPLE_RADIAL: ("f", "cx", "cy", "k"),
+    CameraModel.RADIAL: ("f", "cx", "cy", "k1", "k2"),
     CameraModel.OPENCV: ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+    CameraModel.OPENCV_FISHEYE: ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
 }
 
 
@@ -74,17 +83,37 @@ class Camera:
         if not (16 <= self.width <= 16384 and 16 <= self.height <= 16384):
             raise InvalidCameraError(f"image size {self.width}x{self.height} is outside 16..16384")
         size = max(self.width, self.height)
-        for name, focal in zip(("fx", "fy"), self.params[:2], strict=True):
+        for name, focal in zip(("fx", "fy"), self.focal, strict=True):
             if not 0.2 * size <= focal <= 10.0 * size:
                 raise InvalidCameraError(
                     f"{name} = {focal:g} is no focal length of a {self.width}x{self.height} image: "
                     f"expected {0.2 * size:g} to {10 * size:g} pixels"
                 )
-        cx, cy = self.params[2:4]
+        cx, cy = self.centre
         if not (0 <= cx <= self.width and 0 <= cy <= self.height):
             raise InvalidCameraError(f"principal point ({cx:g}, {cy:g}) lies outside the image")
-        if any(abs(p) > 2.0 for p in self.params[4:]):
+        if any(abs(p) > 2.0 for p in self.distortion):
             raise InvalidCameraError("distortion coefficients beyond 2 describe no phone camera")
+        if not self._is_one_to_one():
+            raise InvalidCameraError(
+                f"the distortion {self.distortion} folds the image over before its corners: no lens does that"
+            )
+
+    def _is_one_to_one(self) -> bool:
+        """Whether every pixel has a ray of its own."""
+        if self.is_pinhole:
+            return True
+        u, v = (np.linspace(0.0, side, 17) for side in (self.width, self.height))
+        pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+        rays = self.normalize(pixels)
+        again = self.project(np.column_stack([rays, np.ones(len(rays))]))
+        if not np.all(np.abs(again - pixels) < 0.1):
+            return False
+        # From the centre to each corner, rays must go outwards as pixels do.
+        corners = np.array([(0, 0), (self.width, 0), (0, self.height), (self.width, self.height)], float)
+        spokes = self.centre + np.linspace(0.0, 1.0, 33)[:, None, None] * (corners - self.centre)
+        radius = np.linalg.norm(self.normalize(spokes.reshape(-1, 2)), axis=1).reshape(33, 4)
+        return bool(np.all(np.diff(radius, axis=0) > 0.0))
 
     @staticmethod
     def pinhole(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> Camera:
@@ -124,68 +153,103 @@ class Camera:
     @property
     def focal(self) -> tuple[float, float]:
         """(fx, fy), pixels."""
-        return self.params[0], self.params[1]
+        return self.params[0], self.params[0 if self._has_one_focal else 1]
 
     @property
     def centre(self) -> tuple[float, float]:
         """(cx, cy), pixels."""
-        return self.params[2], self.params[3]
+        first = 1 if self._has_one_focal else 2
+        return self.params[first], self.params[first + 1]
+
+    @property
+    def distortion(self) -> tuple[float, ...]:
+        """The model's distortion coefficients, in its order."""
+        return self.params[3 if self._has_one_focal else 4 :]
+
+    @property
+    def _has_one_focal(self) -> bool:
+        return PARAMETER_NAMES[self.model][0] == "f"
 
     @property
     def is_pinhole(self) -> bool:
         """True when a point projects without distortion."""
-        return self.model is CameraModel.PINHOLE
+        return self.model in (CameraModel.PINHOLE, CameraModel.SIMPLE_PINHOLE)
+
+    def _with(
+        self,
+        size: tuple[int, int],
+        focal: tuple[float, float],
+        centre: tuple[float, float],
+        distortion: tuple[float, ...],
+    ) -> Camera:
+        """A camera of the same model, or of one with two focal lengths where they came to differ."""
+        model = self.model
+        if self._has_one_focal and abs(focal[0] - focal[1]) > 1e-9 * focal[0]:
+            if self.is_pinhole:
+                model = CameraModel.PINHOLE
+            else:
+                model = CameraModel.OPENCV
+                distortion = (*distortion, 0.0, 0.0, 0.0)[:4]
+        one = PARAMETER_NAMES[model][0] == "f"
+        return Camera(model, *size, (*(focal[:1] if one else focal), *centre, *distortion))
 
     def scaled(self, width: int, height: int) -> Camera:
         """The same camera with its image resized to width x height."""
         sx, sy = width / self.width, height / self.height
-        fx, fy, cx, cy = self.params[:4]
-        return Camera(self.model, width, height, (fx * sx, fy * sy, cx * sx, cy * sy, *self.params[4:]))
+        (fx, fy), (cx, cy) = self.focal, self.centre
+        return self._with((width, height), (fx * sx, fy * sy), (cx * sx, cy * sy), self.distortion)
 
     def rotated(self, quarter_turns: int) -> Camera:
         """The camera of the image turned clockwise by ``quarter_turns`` x 90 degrees."""
         camera = self
         for _ in range(quarter_turns % 4):
-            fx, fy, cx, cy = camera.params[:4]
-            rest = camera.params[4:]
-            if rest:
+            (fx, fy), (cx, cy), rest = camera.focal, camera.centre, camera.distortion
+            if camera.model is CameraModel.OPENCV:
                 # Turning the axes by (x, y) -> (-y, x) carries the tangential pair (p1, p2) to (p2, -p1).
                 k1, k2, p1, p2 = rest
                 rest = (k1, k2, p2, -p1)
-            camera = Camera(
-                camera.model, camera.height, camera.width, (fy, fx, camera.height - cy, cx, *rest)
-            )
+            camera = camera._with((camera.height, camera.width), (fy, fx), (camera.height - cy, cx), rest)
         return camera
+
+    def pinhole_part(self) -> Camera:
+        """The ideal pinhole camera with the same focal lengths, centre and size."""
+        return Camera.pinhole(self.width, self.height, *self.focal, *self.centre)
 
     def project(self, points: ArrayLike) -> Array:
         """Camera-frame points (..., 3) with positive z -> pixels (..., 2)."""
         p = np.asarray(points, dtype=np.float64)
-        x, y = p[..., 0] / p[..., 2], p[..., 1] / p[..., 2]
-        if self.model is CameraModel.OPENCV:
-            k1, k2, p1, p2 = self.params[4:]
-            r2 = x * x + y * y
-            radial = 1.0 + r2 * (k1 + r2 * k2)
-            x, y = (
-                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-                y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y),
-            )
-        fx, fy, cx, cy = self.params[:4]
-        return np.stack([fx * x + cx, fy * y + cy], axis=-1)
+        if self.is_pinhole:
+            return p[..., :2] / p[..., 2:] * self.focal + self.centre
+        pixels = self._colmap().img_from_cam(p.reshape(-1, 3))
+        return np.asarray(pixels, dtype=np.float64).reshape(*p.shape[:-1], 2)
 
     def normalize(self, pixels: ArrayLike) -> Array:
-        """Pixels (..., 2) -> coordinates on the plane z = 1 (..., 2), for a pinhole camera.
+        """Pixels (..., 2) -> coordinates of their rays on the plane z = 1 (..., 2)."""
+        p = np.asarray(pixels, dtype=np.float64)
+        if self.is_pinhole:
+            return (p - self.centre) / self.focal
+        rays = self._colmap().cam_from_img(p.reshape(-1, 2))
+        return np.asarray(rays, dtype=np.float64).reshape(p.shape)
 
-        Raises:
-            ValueError: the camera has distortion; rectify the image first.
-        """
-        if not self.is_pinhole:
-            raise ValueError("only rectified (PINHOLE) pixels can be normalised")
-        return (np.asarray(pixels, dtype=np.float64) - self.centre) / self.focal
+    def straightened(self, pixels: ArrayLike) -> Array:
+        """Where pixels (..., 2) of this camera lie in the image of its :meth:`pinhole_part`."""
+        p = np.asarray(pixels, dtype=np.float64)
+        return p if self.is_pinhole else self.pinhole_part().project_rays(self.normalize(p))
+
+    def project_rays(self, rays: ArrayLike) -> Array:
+        """Coordinates on the plane z = 1 (..., 2) -> pixels (..., 2)."""
+        r = np.asarray(rays, dtype=np.float64)
+        return self.project(np.concatenate([r, np.ones((*r.shape[:-1], 1))], axis=-1))
+
+    def _colmap(self) -> pycolmap.Camera:
+        return pycolmap.Camera(
+            model=str(self.model), width=self.width, height=self.height, params=list(self.params)
+        )
 
 
 def opencv_matrix(camera: Camera) -> Array:
     """OpenCV's 3x3 camera matrix: the principal point in integer-centre pixels."""
-    fx, fy, cx, cy = camera.params[:4]
+    (fx, fy), (cx, cy) = camera.focal, camera.centre
     return np.array([[fx, 0.0, cx - 0.5], [0.0, fy, cy - 0.5], [0.0, 0.0, 1.0]])
 
 
@@ -224,14 +288,13 @@ class Rectifier:
 
     def __post_init__(self) -> None:
         resized = self.source.scaled(*working_size(self.source.width, self.source.height))
-        target = Camera(CameraModel.PINHOLE, resized.width, resized.height, resized.params[:4])
+        target = resized.pinhole_part()
         object.__setattr__(self, "target", target)
         maps = None
         if not resized.is_pinhole:
-            fx, fy, cx, cy = target.params
             u, v = np.meshgrid(np.arange(target.width) + 0.5, np.arange(target.height) + 0.5)
-            rays = np.stack([(u - cx) / fx, (v - cy) / fy, np.ones_like(u)], axis=-1)
-            pixels = (resized.project(rays) - 0.5).astype(np.float32)
+            rays = target.normalize(np.stack([u, v], axis=-1))
+            pixels = (resized.project_rays(rays) - 0.5).astype(np.float32)
             maps = cv2.convertMaps(pixels[..., 0], pixels[..., 1], cv2.CV_16SC2)
         object.__setattr__(self, "_maps", maps)
 

@@ -20,6 +20,17 @@ from server.geometry.cameras import (
 
 PHONE = Camera(CameraModel.OPENCV, 640, 480, (520.0, 530.0, 310.5, 247.0, 0.11, -0.23, 0.004, -0.006))
 PINHOLE = Camera.pinhole(640, 480, 520.0, 530.0, 310.5, 247.0)
+CAMERAS = {
+    "pinhole": PINHOLE,
+    "simple_pinhole": Camera(CameraModel.SIMPLE_PINHOLE, 640, 480, (520.0, 310.5, 247.0)),
+    "simple_radial": Camera(CameraModel.SIMPLE_RADIAL, 640, 480, (520.0, 310.5, 247.0, -0.13)),
+    "radial": Camera(CameraModel.RADIAL, 640, 480, (520.0, 310.5, 247.0, -0.21, 0.07)),
+    "opencv": PHONE,
+    "fisheye": Camera(
+        CameraModel.OPENCV_FISHEYE, 640, 480, (330.0, 335.0, 310.5, 247.0, 0.04, -0.02, 0.01, -0.003)
+    ),
+}
+every_model = pytest.mark.parametrize("camera", list(CAMERAS.values()), ids=list(CAMERAS))
 
 
 def _points(rng: np.random.Generator, count: int = 200) -> np.ndarray:
@@ -31,26 +42,53 @@ def _points(rng: np.random.Generator, count: int = 200) -> np.ndarray:
     )
 
 
-@pytest.mark.parametrize("camera", [PINHOLE, PHONE], ids=["pinhole", "opencv"])
+def _opencv_projection(camera: Camera, points: np.ndarray) -> np.ndarray:
+    k = (*camera.distortion, 0.0, 0.0, 0.0, 0.0)[:4]
+    project = cv2.fisheye.projectPoints if camera.model is CameraModel.OPENCV_FISHEYE else cv2.projectPoints
+    if camera.model is CameraModel.OPENCV_FISHEYE:
+        pixels, _ = project(points[:, None], np.zeros(3), np.zeros(3), opencv_matrix(camera), np.array(k))
+        return np.asarray(pixels[:, 0])
+    pixels, _ = project(points, np.zeros(3), np.zeros(3), opencv_matrix(camera), np.array(k))
+    return np.asarray(pixels[:, 0])
+
+
+@every_model
 def test_projection_is_opencv_s_half_a_pixel_on(camera: Camera) -> None:
     points = _points(np.random.default_rng(1))
-    expected, _ = cv2.projectPoints(
-        points, np.zeros(3), np.zeros(3), opencv_matrix(camera), np.array(camera.params[4:] or np.zeros(4))
-    )
-    np.testing.assert_allclose(camera.project(points), expected[:, 0] + 0.5, atol=1e-9)
+    np.testing.assert_allclose(camera.project(points), _opencv_projection(camera, points) + 0.5, atol=1e-9)
     assert camera.project(points.reshape(4, 50, 3)).shape == (4, 50, 2)
 
 
-def test_normalized_pixels_are_rays() -> None:
+@every_model
+def test_normalized_pixels_are_rays(camera: Camera) -> None:
     points = _points(np.random.default_rng(2))
-    np.testing.assert_allclose(
-        PINHOLE.normalize(PINHOLE.project(points)), points[:, :2] / points[:, 2:], atol=1e-14
-    )
-    with pytest.raises(ValueError, match="rectified"):
-        PHONE.normalize(np.zeros((1, 2)))
+    rays = points[:, :2] / points[:, 2:]
+    np.testing.assert_allclose(camera.normalize(camera.project(points)), rays, atol=1e-7)
+    np.testing.assert_allclose(camera.project_rays(rays), camera.project(points), atol=1e-9)
+    straight = camera.straightened(camera.project(points).reshape(4, 50, 2)).reshape(-1, 2)
+    np.testing.assert_allclose(straight, camera.pinhole_part().project(points), atol=1e-4)
 
 
-@pytest.mark.parametrize("camera", [PINHOLE, PHONE], ids=["pinhole", "opencv"])
+@every_model
+def test_every_model_passes_its_own_check_and_survives_json(camera: Camera) -> None:
+    camera.check()
+    assert Camera.from_json(json.loads(json.dumps(camera.to_json()))) == camera
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Camera(CameraModel.SIMPLE_RADIAL, 640, 480, (400.0, 320.0, 240.0, -0.9)),
+        Camera(CameraModel.RADIAL, 640, 480, (400.0, 320.0, 240.0, 0.2, -1.5)),
+        Camera(CameraModel.OPENCV_FISHEYE, 640, 480, (200.0, 200.0, 320.0, 240.0, -0.5, 0.0, 0.0, 0.0)),
+    ],
+)
+def test_a_lens_that_folds_the_image_over_is_refused(camera: Camera) -> None:
+    with pytest.raises(InvalidCameraError, match="folds"):
+        camera.check()
+
+
+@every_model
 def test_a_turned_camera_sees_the_turned_picture(camera: Camera) -> None:
     """Clockwise: what was up is right. In the turned camera x is the old -y, and y the old x."""
     points = _points(np.random.default_rng(3))
@@ -66,7 +104,7 @@ def test_a_turned_camera_sees_the_turned_picture(camera: Camera) -> None:
     assert (column + 0.5, row + 0.5) == (camera.height - 100.5, 37.5)
 
 
-@pytest.mark.parametrize("camera", [PINHOLE, PHONE], ids=["pinhole", "opencv"])
+@every_model
 def test_four_quarter_turns_are_none(camera: Camera) -> None:
     again = camera.rotated(4)
     assert again == camera
@@ -79,10 +117,11 @@ def test_four_quarter_turns_are_none(camera: Camera) -> None:
     np.testing.assert_allclose(camera.rotated(2).rotated(2).params, camera.params, atol=1e-12)
 
 
-def test_a_scaled_camera_sees_the_resized_picture() -> None:
+@every_model
+def test_a_scaled_camera_sees_the_resized_picture(camera: Camera) -> None:
     points = _points(np.random.default_rng(4))
-    resized = PHONE.scaled(1280, 720)
-    np.testing.assert_allclose(resized.project(points), PHONE.project(points) * [2.0, 1.5], atol=1e-10)
+    resized = camera.scaled(1280, 720)
+    np.testing.assert_allclose(resized.project(points), camera.project(points) * [2.0, 1.5], atol=1e-9)
     assert (resized.width, resized.height) == (1280, 720)
 
 
@@ -106,13 +145,7 @@ def test_working_size_keeps_the_area_and_never_enlarges(
 def _lines(camera: Camera, slopes: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     """What the camera sees of bright lines x = slope y + offset on the plane z = 1, six pixels wide."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    pixels = np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)[:, None]
-    rays = cv2.undistortPoints(
-        pixels,
-        opencv_matrix(camera),
-        np.array(camera.params[4:] or np.zeros(4)),
-        criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12),
-    )[:, 0]
+    rays = camera.normalize(np.column_stack([u.ravel(), v.ravel()]) + 0.5)
     away = rays[:, :1] - slopes * rays[:, 1:] - offsets
     light = np.exp(-0.5 * (away * camera.focal[0] * 640 / camera.width / 3.0) ** 2).max(axis=1)
     return (
@@ -140,9 +173,20 @@ def _line_error(image: np.ndarray, camera: Camera, slope: float, offset: float) 
     return np.array(errors)
 
 
+WIDE = (500.0, 505.0, 325.0, 236.0)
+
+
 @pytest.mark.parametrize("factor", [1, 2])
-def test_rectified_lines_are_straight_and_in_their_place(factor: int) -> None:
-    source = Camera(CameraModel.OPENCV, 640, 480, (500.0, 505.0, 325.0, 236.0, -0.28, 0.09, 0.002, -0.003))
+@pytest.mark.parametrize(
+    "source",
+    [
+        Camera(CameraModel.OPENCV, 640, 480, (*WIDE, -0.28, 0.09, 0.002, -0.003)),
+        Camera(CameraModel.RADIAL, 640, 480, (500.0, 325.0, 236.0, -0.25, 0.08)),
+        Camera(CameraModel.OPENCV_FISHEYE, 640, 480, (*WIDE, 0.03, -0.01, 0.0, 0.0)),
+    ],
+    ids=lambda camera: str(camera.model),
+)
+def test_rectified_lines_are_straight_and_in_their_place(factor: int, source: Camera) -> None:
     source = source.scaled(640 * factor, 480 * factor)
     slopes, offsets = np.array([0.25, 0.0, -0.2, 0.1]), np.array([-0.42, -0.1, 0.15, 0.4])
     picture = _lines(source, slopes, offsets)
@@ -202,8 +246,11 @@ def test_impossible_cameras_are_refused(
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ({"model": None}, "models: PINHOLE, OPENCV"),
-        ({"model": "FISHEYE"}, "models: PINHOLE, OPENCV"),
+        ({"model": None}, "models: PINHOLE, .*OPENCV_FISHEYE"),
+        (
+            {"model": "FISHEYE"},
+            "models: PINHOLE, .*OPENCV_FISHEYE",
+        ),
         ({"width": "wide"}, "not understood"),
         ({"params": 500.0}, "not understood"),
         ({"params": ["a", 1, 2, 3]}, "not understood"),
