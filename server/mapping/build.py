@@ -16,9 +16,10 @@ from server.geometry.cameras import Camera, Rectifier
 from server.geometry.poses import SE3
 from server.mapping.assembly import assemble, locate_frames
 from server.mapping.closing import close_map
+from server.mapping.evidence import tracking_record
 from server.mapping.front_end import WalkFrame, follow_features
 from server.mapping.global_refinement import RefinementOptions, refine_globally
-from server.mapping.joining import JoinOptions, join
+from server.mapping.joining import JoinOptions, Joint, join
 from server.mapping.outcome import (
     BuildProgress,
     BuildReport,
@@ -27,8 +28,10 @@ from server.mapping.outcome import (
     BuildStatus,
     ProgressListener,
 )
+from server.mapping.quality import QualityReport, WalkOutcome, judge_quality
+from server.mapping.route_map import RouteMap
 from server.mapping.video import FRAME_RATE, UnreadableVideoError, VideoFrame, probe, read_frames
-from server.mapping.visual_odometry import OdometryOptions, TrackingState, VisualOdometry
+from server.mapping.visual_odometry import OdometryOptions, TrackedFrame, TrackingState, VisualOdometry
 from server.mapping.working_map import WorkingMap
 
 
@@ -128,7 +131,8 @@ def _build(video: Path, camera: Camera, options: BuildOptions, progress: _Progre
             progress(BuildStage.TRACKING, count / expected)
     except UnreadableVideoError as error:
         return _failed(BuildStatus.NOT_A_VIDEO, str(error))
-    return walk.finish(progress)
+    result = walk.finish(progress)
+    return replace(result, quality=walk.quality(result.route_map))
 
 
 def _failed(status: BuildStatus, detail: str, report: BuildReport | None = None) -> BuildResult:
@@ -162,7 +166,9 @@ class _Walk:
         self.camera = camera
         self.frames: list[WalkFrame] = []
         self.parts = [self._odometry()]
-        self.tracked = 0
+        self.answers: list[TrackedFrame] = []
+        self._located: list[SE3 | None] | None = None
+        self._bridges: list[tuple[int, int]] = []
         self._blind = 0
 
     def _odometry(self) -> VisualOdometry:
@@ -171,7 +177,7 @@ class _Walk:
     def take(self, frame: WalkFrame) -> None:
         self.frames.append(frame)
         answer = self.parts[-1].process(len(self.frames) - 1, frame.features)
-        self.tracked += answer.state is TrackingState.TRACKED
+        self.answers.append(answer)
         self._blind = self._blind + 1 if answer.state is TrackingState.LOST else 0
         if self._blind >= self.options.restart_after:
             self.parts.append(self._odometry())
@@ -193,7 +199,11 @@ class _Walk:
         working = maps[0]
         turns = [frame.turn for frame in self.frames]
         for part in maps[1:]:
-            if not join(working, part, turns, options.joining):
+            ends = working.keyframes[-1].frame, part.keyframes[0].frame
+            joint = join(working, part, turns, options.joining)
+            if joint is Joint.BRIDGED:
+                self._bridges.append(ends)
+            if joint is None:
                 blind = tuple(self.frames[m.keyframes[k].frame].time for m, k in ((working, -1), (part, 0)))
                 return self._torn(report, maps, (blind[0], blind[1]))
         close_map(working, options.joining.revisits)
@@ -206,6 +216,7 @@ class _Walk:
             sigma=options.odometry.track_sigma,
             min_inliers=options.odometry.min_inliers,
         )
+        self._located = located
         report = self._report(report, working, located)
         if report.tracked_frames < options.min_tracked * report.frames:
             return _failed(BuildStatus.TRACKING_LOST, _where_lost(report), report)
@@ -220,10 +231,27 @@ class _Walk:
         progress(BuildStage.FINISHING, 1.0)
         return BuildResult(BuildStatus.READY, route_map, report)
 
+    def quality(self, route_map: RouteMap | None) -> QualityReport:
+        """The quality report of the finished walk."""
+        tracked, landmarks = tracking_record(self.parts, self.answers)
+        if self._located is not None:
+            tracked = np.array([pose is not None for pose in self._located])
+        return judge_quality(
+            self.frames,
+            self.camera,
+            WalkOutcome(
+                tracked=tracked,
+                landmarks=landmarks,
+                poses=self._located,
+                position=None if route_map is None else route_map.path.position,
+                bridges=tuple(self._bridges),
+            ),
+        )
+
     def _torn(self, report: BuildReport, maps: list[WorkingMap], blind: tuple[float, float]) -> BuildResult:
         followed = replace(
             report,
-            tracked_frames=self.tracked,
+            tracked_frames=sum(answer.state is TrackingState.TRACKED for answer in self.answers),
             keyframes=sum(len(part.keyframes) for part in maps),
             landmarks=sum(int(part.alive.sum()) for part in maps),
             lost=(blind,),

@@ -6,13 +6,23 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from server.features.tracking import FeatureTracker, TrackedFeatures
 from server.geometry.cameras import Camera
 from server.geometry.two_view import rotation_between
+from server.mapping.frame_statistics import FrameStatistics, frame_statistics
 from server.mapping.video import VideoFrame
+
+THUMBNAIL_EVERY_S = 0.3
+"""Seconds between kept thumbnails: the shortest weak stretch has one."""
+
+_THUMBNAIL_WIDTH = 256
+_THUMBNAIL_QUALITY = 75
+
+_NOTHING_SEEN = FrameStatistics(bright=0.0, clipped=0.0, textured=0.0, covered=0.0, sharpness=0.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -20,12 +30,14 @@ class WalkFrame:
     """A frame of the walk: its time on the video's clock, seconds, and its tracks.
 
     ``turn`` (3, 3) is the rotation from the frame before to this one as the tracks show it; it is
-    coarse, but needs no map.
+    coarse, but needs no map. ``thumbnail`` is a JPEG, kept of some frames only.
     """
 
     time: float
     features: TrackedFeatures
     turn: NDArray[np.float64]
+    statistics: FrameStatistics = _NOTHING_SEEN
+    thumbnail: bytes | None = None
 
 
 def follow_features(
@@ -37,14 +49,19 @@ def follow_features(
     both are OpenCV's, which leaves Python's lock to others. What comes out does not depend on timing.
     """
     before = WalkFrame(0.0, TrackedFeatures.empty(), np.eye(3))
+    due = 0.0
 
     def step() -> WalkFrame | None:
-        nonlocal before
+        nonlocal before, due
         frame = next(frames, None)
         if frame is None:
             return None
         features = tracker.follow(frame.image, _expected(before, camera))
-        before = WalkFrame(frame.time, features, _turn(before.features, features, camera))
+        thumbnail = None
+        if frame.time >= due:
+            thumbnail, due = _thumbnail(frame.image), frame.time + THUMBNAIL_EVERY_S - 1e-3
+        turn = _turn(before.features, features, camera)
+        before = WalkFrame(frame.time, features, turn, frame_statistics(frame.image), thumbnail)
         return before
 
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="features") as pool:
@@ -52,6 +69,13 @@ def follow_features(
         while (current := ahead.result()) is not None:
             ahead = pool.submit(step)
             yield current
+
+
+def _thumbnail(image: NDArray[np.uint8]) -> bytes:
+    height = max(1, round(image.shape[0] * _THUMBNAIL_WIDTH / image.shape[1]))
+    small = cv2.resize(image, (_THUMBNAIL_WIDTH, height), interpolation=cv2.INTER_AREA)
+    done, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _THUMBNAIL_QUALITY])
+    return data.tobytes() if done else b""
 
 
 def _expected(frame: WalkFrame, camera: Camera) -> NDArray[np.float64]:

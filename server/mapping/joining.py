@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +28,17 @@ class JoinOptions:
     max_bridge: int = 20
 
 
+class Joint(StrEnum):
+    """How two parts were put together."""
+
+    RECOGNISED = "recognised"
+    BRIDGED = "bridged"
+
+
 def join(
     first: WorkingMap, later: WorkingMap, turns: list[Array], options: JoinOptions | None = None
-) -> bool:
-    """Take ``later`` into ``first``; False, and nothing changed, if nothing says how they lie.
+) -> Joint | None:
+    """Take ``later`` into ``first``; None, and nothing changed, if nothing says how they lie.
 
     A part that shows a known place is put where that place is. Else a short blind stretch is bridged:
     the walker went on at the same pace, and turned as the tracks of these frames say.
@@ -45,12 +53,12 @@ def join(
         offset = first.absorb(later, best.earlier_from_later)
         for revisit in revisits:
             first.merge(revisit.later + offset, revisit.earlier)
-        return True
+        return Joint.RECOGNISED
     gap = later.keyframes[0].frame - first.keyframes[-1].frame
     if gap > options.max_bridge:
-        return False
+        return None
     first.absorb(later, _bridge(first, later, turns))
-    return True
+    return Joint.BRIDGED
 
 
 def _pace(working: WorkingMap, keyframes: slice) -> float:

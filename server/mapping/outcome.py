@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from server.mapping.quality import QualityReport
 from server.mapping.route_map import RouteMap
 
 
@@ -64,9 +65,16 @@ class BuildReport:
 
 @dataclass(frozen=True, slots=True)
 class BuildResult:
-    """``route_map`` is set exactly when ``status`` is READY; ``detail`` is a sentence for the leader."""
+    """How a build ended.
+
+    Attributes:
+        route_map: set exactly when ``status`` is READY.
+        detail: a sentence for the leader.
+        quality: of every walk that was looked at to its end, with or without a map.
+    """
 
     status: BuildStatus
     route_map: RouteMap | None
     report: BuildReport
     detail: str = ""
+    quality: QualityReport | None = None

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from client_sim.synthetic.cameras import Pose, level_rotation
 from server.geometry.poses import Sim3, align_similarity, rotation_angle, rotation_from_vector
 from server.mapping.closing import close_map
-from server.mapping.joining import join
+from server.mapping.joining import Joint, join
 from server.mapping.revisits import RevisitOptions, find_revisits
 from server.mapping.working_map import WorkingMap
 from tests.mapping.drifting_maps import looks, no_drift, walked_map
@@ -153,7 +153,7 @@ def test_a_part_that_shows_a_known_place_is_put_there() -> None:
     lost = Sim3(0.4, rotation_from_vector([0.3, -0.2, 1.0]), np.array([5.0, 1.0, 2.0]))
     later = walked_map(poses[36:], points, descriptors, lambda _: lost, rng, first_frame=180)
     turns = [np.eye(3)] * 1000
-    assert join(first, later, turns)
+    assert join(first, later, turns) is Joint.RECOGNISED
     assert len(first.keyframes) == len(poses) - 6
     walked = [*poses[:30], *poses[36:]]
     assert _errors(first, walked).max() < 0.05
@@ -192,7 +192,7 @@ def test_a_short_blind_stretch_is_bridged_and_a_long_one_is_not(blind: int, join
         first_frame=first.keyframes[-1].frame + blind,
     )
     before = [kf.centre for kf in first.keyframes]
-    assert join(first, later, [np.eye(3)] * 1000) is joined
+    assert join(first, later, [np.eye(3)] * 1000) is (Joint.BRIDGED if joined else None)
     if not joined:
         assert len(first.keyframes) == len(before)
         return
@@ -215,7 +215,7 @@ def test_a_turn_made_while_blind_is_bridged_with_it() -> None:
     turns = [np.eye(3)] * 1000
     for frame in range(first.keyframes[-1].frame + 1, begin + 1):
         turns[frame] = left.T
-    assert join(first, later, turns)
+    assert join(first, later, turns) is Joint.BRIDGED
     joined = first.keyframes[20:]
     heading = joined[-1].centre - joined[0].centre
     assert np.degrees(np.arctan2(heading[1], heading[0])) == pytest.approx(90.0, abs=1.0)
