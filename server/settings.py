@@ -38,6 +38,7 @@ class Settings(BaseSettings):
         max_video_bytes: of one upload.
         build_processes: builds that run at once.
         build_timeout_s: after which a build is given up.
+        build_memory_bytes: that a build may take; on Linux only.
         max_build_attempts: builds begun for one upload before a restart of the service gives it up.
         navigation_processes: processes that own sessions.
         maps_per_process: route maps kept open in each of them.
@@ -48,6 +49,8 @@ class Settings(BaseSettings):
         heartbeat_interval_s: how often clients are told to ping.
         idle_timeout_s: silence after which a connection is closed.
         hello_timeout_s: for the first message.
+        head_timeout_s: for a request's line and headers, from the connection or the last answer on.
+        body_timeout_s: for the next piece of a request's body.
         send_timeout_s: for a message to be taken by the client's network.
         resume_within_s: how long a session outlives its connection.
         log_json: structured lines for machines instead of coloured ones for people.
@@ -68,6 +71,7 @@ class Settings(BaseSettings):
     max_video_bytes: int = Field(default=4 << 30, gt=0)
     build_processes: int = Field(default=1, ge=1)
     build_timeout_s: float = Field(default=7200.0, gt=0)
+    build_memory_bytes: int = Field(default=8 << 30, ge=1 << 30)
     max_build_attempts: int = Field(default=3, ge=1)
 
     navigation_processes: int = Field(default=1, ge=1)
@@ -81,6 +85,8 @@ class Settings(BaseSettings):
     heartbeat_interval_s: float = Field(default=5.0, gt=0)
     idle_timeout_s: float = Field(default=20.0, gt=0)
     hello_timeout_s: float = Field(default=10.0, gt=0)
+    head_timeout_s: float = Field(default=15.0, gt=0)
+    body_timeout_s: float = Field(default=60.0, gt=0)
     send_timeout_s: float = Field(default=5.0, gt=0)
     resume_within_s: float = Field(default=120.0, gt=0)
 

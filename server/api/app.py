@@ -44,7 +44,7 @@ def create_app(settings: Settings | None = None, entries: Entries | None = None)
         redirect_slashes=False,
         generate_unique_id_function=openapi.operation_id,
     )
-    app.add_middleware(BodyLimit, limit=chosen.max_message_bytes)
+    app.add_middleware(BodyLimit, limit=chosen.max_message_bytes, patience_s=chosen.body_timeout_s)
     # Added last, asked first.
     app.add_middleware(HostCheck, names=chosen.host_names)
     problems.install(app)

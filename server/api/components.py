@@ -72,7 +72,13 @@ def assemble(settings: Settings, entries: Entries) -> Components:
     database = Database(settings.resolved_database_url)
     store = FolderObjectStore(settings.data_dir / "store")
     builds = BuildService(database, store, clock, settings.max_build_attempts)
-    jobs = ProcessJobQueue(builds, settings.build_processes, settings.build_timeout_s, entries.builder)
+    jobs = ProcessJobQueue(
+        builds,
+        settings.build_processes,
+        settings.build_timeout_s,
+        settings.build_memory_bytes,
+        entries.builder,
+    )
     pool = NavigationPool(
         settings.navigation_processes, settings.maps_per_process, settings.max_pixels, engine=entries.engine
     )

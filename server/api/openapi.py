@@ -38,7 +38,12 @@ _TAGS = {
 
 _ALWAYS = (ProblemCode.HOST_NOT_ALLOWED, ProblemCode.INTERNAL_ERROR)
 _WITH_INPUT = (ProblemCode.INVALID_REQUEST,)
-_WITH_JSON = (ProblemCode.BAD_REQUEST, ProblemCode.BODY_TOO_LARGE, ProblemCode.UNSUPPORTED_MEDIA_TYPE)
+_WITH_JSON = (
+    ProblemCode.BAD_REQUEST,
+    ProblemCode.REQUEST_TIMEOUT,
+    ProblemCode.BODY_TOO_LARGE,
+    ProblemCode.UNSUPPORTED_MEDIA_TYPE,
+)
 
 Json = dict[str, Any]
 

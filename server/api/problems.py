@@ -30,12 +30,14 @@ _DOMAIN_STATUS = {
     "upload_incomplete": HTTPStatus.BAD_REQUEST,
     "map_unusable": HTTPStatus.FAILED_DEPENDENCY,
     "busy": HTTPStatus.SERVICE_UNAVAILABLE,
+    "storage_full": HTTPStatus.INSUFFICIENT_STORAGE,
 }
 
 _HTTP_CODES = {
     400: "bad_request",
     404: "not_found",
     405: "method_not_allowed",
+    408: "request_timeout",
     413: "body_too_large",
     415: "unsupported_media_type",
 }

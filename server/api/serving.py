@@ -11,6 +11,7 @@ from fastapi import FastAPI
 
 from server.api.app import create_app
 from server.api.components import Components, Entries
+from server.api.connections import FrugalWebSocketProtocol, ImpatientHttpProtocol
 from server.settings import Settings
 
 _DRAIN_S = 0.2
@@ -82,8 +83,13 @@ def build_server(
 ) -> NavigationServer:
     """A server of the service; run it with ``server.serve(sockets=[listen(host, port)])``."""
     app = create_app(settings, entries)
+    http = type(
+        ImpatientHttpProtocol.__name__, (ImpatientHttpProtocol,), {"head_timeout_s": settings.head_timeout_s}
+    )
     config = uvicorn.Config(
         app,
+        http=http,
+        ws=FrugalWebSocketProtocol,
         log_config=None,
         access_log=False,
         # Larger messages never reach the app: the library closes with 1009.

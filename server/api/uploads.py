@@ -27,6 +27,8 @@ router = APIRouter(prefix="/v1/routes", tags=["routes"], responses=PROBLEMS)
         ProblemCode.ROUTE_STATE,
         ProblemCode.UPLOAD_TOO_LARGE,
         ProblemCode.UPLOAD_INCOMPLETE,
+        ProblemCode.REQUEST_TIMEOUT,
+        ProblemCode.STORAGE_FULL,
     ),
     openapi_extra={
         "requestBody": {

@@ -147,9 +147,14 @@ class FailureCode(Code):
         "the build took longer than allowed",
         "Tell the operator; try a shorter way.",
     )
+    OUT_OF_MEMORY = (
+        "out_of_memory",
+        "the build needed more memory than it may take",
+        "Film in a lower resolution, or divide the way into two routes.",
+    )
     BUILD_PROCESS_DIED = (
         "build_process_died",
-        "the build's process ended unexpectedly, of memory for example",
+        "the build's process ended unexpectedly; the video may be damaged",
         "Upload once more; if it happens again, tell the operator.",
     )
     GAVE_UP = (

@@ -29,6 +29,7 @@ class ProblemCode(StrEnum):
     NOT_FOUND = "not_found", 404, "there is nothing at this path"
     ROUTE_NOT_FOUND = "route_not_found", 404, "no such route of this caller"
     METHOD_NOT_ALLOWED = "method_not_allowed", 405, "`Allow` lists the methods that are"
+    REQUEST_TIMEOUT = "request_timeout", 408, "the body did not come; nothing was kept"
     ROUTE_STATE = (
         "route_state",
         409,
@@ -49,3 +50,4 @@ class ProblemCode(StrEnum):
     MAP_UNUSABLE = "map_unusable", 424, "the route was ready, and its map's file is gone"
     INTERNAL_ERROR = "internal_error", 500, "the service failed; its log says how"
     BUSY = "busy", 503, "no room now; try later"
+    STORAGE_FULL = "storage_full", 507, "no room is left to store the video; nothing was kept"

@@ -54,6 +54,12 @@ class UploadIncompleteError(DomainError):
     code = "upload_incomplete"
 
 
+class StorageFullError(DomainError):
+    """There is no room left; nothing was stored."""
+
+    code = "storage_full"
+
+
 class CursorInvalidError(DomainError):
     """The list's cursor is none of ours."""
 

@@ -19,11 +19,12 @@ from server.services.errors import (
     RouteNotFoundError,
     RouteNotReadyError,
     RouteStateError,
+    StorageFullError,
     UploadIncompleteError,
     UploadTooLargeError,
 )
 from server.storage.database import Database, UnitOfWork
-from server.storage.objects import ObjectMissingError, ObjectStore, ObjectTooLargeError
+from server.storage.objects import NoRoomError, ObjectMissingError, ObjectStore, ObjectTooLargeError
 from server.storage.records import ACCEPTS_UPLOADS, RouteRecord, RouteState
 
 log = structlog.get_logger()
@@ -141,6 +142,7 @@ class RouteService:
             RouteStateError: the route is being built or has its map.
             UploadTooLargeError: more bytes than allowed; nothing is kept.
             UploadIncompleteError: fewer bytes than declared, or none; nothing is kept.
+            StorageFullError: there is no room for it; nothing is kept.
         """
         if declared_length is not None and declared_length > self._max_video_bytes:
             raise UploadTooLargeError(f"a video may have {self._max_video_bytes} bytes")
@@ -151,13 +153,25 @@ class RouteService:
             length = await self._store.put(key, chunks, limit=self._max_video_bytes)
         except ObjectTooLargeError:
             raise UploadTooLargeError(f"a video may have {self._max_video_bytes} bytes") from None
+        except NoRoomError:
+            log.error("route.storage_full", route=str(route_id))
+            raise StorageFullError("the service has no room left for the video: try again later") from None
+        placed = False
+
+        async def note_placed() -> None:
+            nonlocal placed
+            placed = True
+
         try:
             if length == 0 or (declared_length is not None and length != declared_length):
                 raise UploadIncompleteError(f"{length} bytes came, {declared_length or 'some'} were expected")
             async with self._database.begin() as unit:
+                unit.after_commit(note_placed)
                 return await self._place(unit, owner, route_id, video_key=key, video_bytes=length)
-        except BaseException:
-            await asyncio.shield(self._store.delete([key]))
+        except Exception:
+            # Cancelled in mid-commit, nobody knows whether the route has it: what is in doubt is kept.
+            if not placed:
+                await self._store.delete([key])
             raise
 
     async def _place(self, unit: UnitOfWork, owner: str, route_id: UUID, **values: Any) -> RouteRecord:

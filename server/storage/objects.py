@@ -7,6 +7,7 @@ An object is there whole or not at all, and never changes.
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import re
 import shutil
@@ -19,6 +20,9 @@ from uuid import uuid4
 _KEY = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*(?:/[A-Za-z0-9][A-Za-z0-9._-]*)*")
 _CHUNK = 1 << 20
 
+STORAGE_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+"""Numbers of the errors that mean that there is no room: on the disk, for the user, for one file."""
+
 
 class InvalidKeyError(ValueError):
     """A key that is none."""
@@ -26,6 +30,10 @@ class InvalidKeyError(ValueError):
 
 class ObjectMissingError(LookupError):
     """No object has this key."""
+
+
+class NoRoomError(Exception):
+    """There is no room left; nothing was stored."""
 
 
 class ObjectTooLargeError(Exception):
@@ -51,11 +59,16 @@ class ObjectStore(Protocol):
 
         Raises:
             ObjectTooLargeError: more than ``limit`` bytes came.
+            NoRoomError: there is no room for it.
         """
         ...
 
     async def put_file(self, key: str, path: Path) -> int:
-        """Move a finished local file into the store; returns its length in bytes."""
+        """Move a finished local file into the store; returns its length in bytes.
+
+        Raises:
+            NoRoomError: there is no room for it.
+        """
         ...
 
     async def size(self, key: str) -> int:
@@ -118,17 +131,20 @@ class FolderObjectStore:
         target = self._path(key)
         temporary = self._unfinished / uuid4().hex
         total = 0
-        file: IO[bytes] = await asyncio.to_thread(temporary.open, "wb")
         try:
-            async for chunk in chunks:
-                total += len(chunk)
-                if total > limit:
-                    raise ObjectTooLargeError(limit)
-                await asyncio.to_thread(file.write, chunk)
-            await asyncio.to_thread(_publish, file, temporary, target)
-        except BaseException:
-            file.close()
+            # Unbuffered: what a full disk did not take would be written once more on closing.
+            file = await asyncio.to_thread(temporary.open, "wb", buffering=0)
+            with file:
+                async for chunk in chunks:
+                    total += len(chunk)
+                    if total > limit:
+                        raise ObjectTooLargeError(limit)
+                    await asyncio.to_thread(_write, file, chunk)
+                await asyncio.to_thread(_publish, file, temporary, target)
+        except BaseException as error:
             temporary.unlink(missing_ok=True)
+            if isinstance(error, OSError) and error.errno in STORAGE_FULL:
+                raise NoRoomError(key) from None
             raise
         return total
 
@@ -139,9 +155,15 @@ class FolderObjectStore:
 
     def _adopt(self, path: Path, target: Path) -> int:
         temporary = self._unfinished / uuid4().hex
-        shutil.move(path, temporary)
-        with temporary.open("rb") as file:
-            _publish(file, temporary, target)
+        try:
+            shutil.move(path, temporary)
+            with temporary.open("rb") as file:
+                _publish(file, temporary, target)
+        except OSError as error:
+            temporary.unlink(missing_ok=True)
+            if error.errno in STORAGE_FULL:
+                raise NoRoomError(target.name) from None
+            raise
         return target.stat().st_size
 
     async def size(self, key: str) -> int:
@@ -208,6 +230,12 @@ class FolderObjectStore:
                 shutil.rmtree(path)
             else:
                 path.unlink()
+
+
+def _write(file: IO[bytes], chunk: bytes) -> None:
+    rest = memoryview(chunk)
+    while rest:
+        rest = rest[file.write(rest) :]
 
 
 def _publish(file: IO[bytes], temporary: Path, target: Path) -> None:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from typing import TypeVar
 from uuid import UUID
 
 import structlog
@@ -20,11 +21,13 @@ import structlog
 from server.queues.jobs import BuildJob, BuildLedger, BuildOrder, BuildOutcome, JobProgress
 from server.workers.child import ChildOptions, describe_exit, start_child, stop_child
 
+T = TypeVar("T")
+
 log = structlog.get_logger()
 
 BUILDER = "server.workers.build_process:build"
 
-_BUILD_CHILD = ChildOptions(threads=0, niceness=10)
+_NICENESS = 10
 """A build may take all cores that nobody else wants: followers come first."""
 
 _RECORD_EVERY_S = 2.0
@@ -32,6 +35,10 @@ _RECORD_EVERY_S = 2.0
 
 _EXIT_GRACE_S = 2.0
 """For a process that has closed its pipe to end, so that its own exit code is seen."""
+
+_FIRST_PAUSE_S = 1.0
+_LONGEST_PAUSE_S = 60.0
+"""Between attempts to have the ledger record something. A full disk is put right in the end."""
 
 
 @dataclass(slots=True)
@@ -51,11 +58,20 @@ class ProcessJobQueue:
     Args:
         processes: builds that run at once.
         timeout_s: after which a build is given up.
+        memory_bytes: that one build may take; 0 sets no limit.
         builder: import path of the function that builds, see :mod:`server.workers.build_process`.
     """
 
-    def __init__(self, ledger: BuildLedger, processes: int, timeout_s: float, builder: str = BUILDER) -> None:
+    def __init__(
+        self,
+        ledger: BuildLedger,
+        processes: int,
+        timeout_s: float,
+        memory_bytes: int = 0,
+        builder: str = BUILDER,
+    ) -> None:
         self._ledger = ledger
+        self._child = ChildOptions(threads=0, niceness=_NICENESS, memory_bytes=memory_bytes)
         self._room = asyncio.Semaphore(processes)
         self._timeout_s = timeout_s
         self._builder = builder
@@ -110,43 +126,58 @@ class ProcessJobQueue:
 
     async def _run(self, job: BuildJob, entry: _Running) -> None:
         try:
-            async with self._room:
-                entry.waiting = False
-                if entry.cancelled:
-                    return
-                order = await self._ledger.begin(job)
-                if order is None:
-                    return
-                if entry.cancelled:
-                    await self._ledger.abandon(order)
-                    return
-                await self._build(order, entry)
+            untold = await self._until_done(entry, lambda: self._build(job, entry))
+            if untold is not None:
+                order, outcome = untold
+                await self._until_done(entry, lambda: self._ledger.finish(order, outcome))
         except asyncio.CancelledError:
             if not entry.cancelled:
                 raise
-        except Exception:
-            log.exception("build.not_recorded", route=str(job.route_id))
         finally:
             self._jobs.pop(job.route_id, None)
             entry.ended.set()
             if entry.again and not entry.cancelled:
                 await self.enqueue(job)
 
-    async def _build(self, order: BuildOrder, entry: _Running) -> None:
-        outcome = await self._outcome(order, entry)
-        if entry.cancelled:
-            await self._ledger.abandon(order)
-            return
-        try:
-            await self._ledger.finish(order, outcome)
-        except Exception as error:
-            log.exception("build.not_stored", route=str(order.route_id))
-            reason = f"the finished map could not be stored: {type(error).__name__}"
-            await self._ledger.finish(order, BuildOutcome("storage_failed", reason))
+    async def _until_done(self, entry: _Running, action: Callable[[], Awaitable[T]]) -> T | None:
+        """Again and again: given up, the route would be called building until the service is restarted."""
+        pause = _FIRST_PAUSE_S
+        while not entry.cancelled:
+            try:
+                return await action()
+            except Exception:
+                log.exception("build.not_recorded", again_in_s=pause)
+            entry.waiting = True
+            await asyncio.sleep(pause)
+            pause = min(_LONGEST_PAUSE_S, 2 * pause)
+        return None
+
+    async def _build(self, job: BuildJob, entry: _Running) -> tuple[BuildOrder, BuildOutcome] | None:
+        """Build when there is room; returns the end that the ledger could not be told, None if it was."""
+        async with self._room:
+            entry.waiting = False
+            if entry.cancelled:
+                return None
+            order = await self._ledger.begin(job)
+            if order is None:
+                return None
+            outcome = None if entry.cancelled else await self._outcome(order, entry)
+            if outcome is None or entry.cancelled:
+                await self._ledger.abandon(order)
+                return None
+            try:
+                await self._ledger.finish(order, outcome)
+            except Exception as error:
+                log.exception("build.not_stored", route=str(order.route_id))
+                if outcome.failure is None:
+                    reason = f"the finished map could not be stored: {type(error).__name__}"
+                    outcome = BuildOutcome("storage_failed", reason, report=outcome.report)
+                return order, outcome
+        return None
 
     async def _outcome(self, order: BuildOrder, entry: _Running) -> BuildOutcome:
         process, connection = await asyncio.to_thread(
-            start_child, "pairnavi-build", _BUILD_CHILD, "server.workers.build_process:main", self._builder
+            start_child, "pairnavi-build", self._child, "server.workers.build_process:main", self._builder
         )
         entry.process = process
         loop = asyncio.get_running_loop()

@@ -12,6 +12,7 @@ from server.geometry.cameras import Camera
 from server.mapping.outcome import BuildProgress, BuildReport, BuildResult
 from server.mapping.route_map import RouteMap
 from server.queues.jobs import BuildOrder, BuildOutcome, JobProgress
+from server.storage.objects import STORAGE_FULL
 
 Builder = Callable[[BuildOrder, Callable[[JobProgress], None]], BuildOutcome]
 
@@ -26,8 +27,28 @@ def main(connection: Connection, builder: str) -> None:
 
     order: BuildOrder = connection.recv()
     build: Builder = load(builder)
-    connection.send(build(order, connection.send))
+    connection.send(_outcome(build, order, connection.send))
     connection.close()
+
+
+def _outcome(build: Builder, order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> BuildOutcome:
+    """What came of the build, or what the machine lacked for it. A bug ends the process."""
+    try:
+        return build(order, on_progress)
+    except Exception as error:
+        if _is_out_of_memory(error):
+            return BuildOutcome("out_of_memory", "the build needed more memory than it may take")
+        if isinstance(error, OSError) and error.errno in STORAGE_FULL:
+            return BuildOutcome("storage_failed", "the service has no room left for the map")
+        raise
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    if isinstance(error, MemoryError):
+        return True
+    import cv2
+
+    return isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem
 
 
 def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> BuildOutcome:

@@ -1,4 +1,4 @@
-"""Starting child processes: threads limited, priority set, no signals of the terminal.
+"""Starting child processes: threads and memory limited, priority set, no signals of the terminal.
 
 Nothing heavy is imported here: thread pools read the environment when their library is loaded.
 """
@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import resource
 import signal
+import threading
 from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing.connection import Connection
@@ -39,10 +41,12 @@ class ChildOptions:
     Attributes:
         threads: of every library's pool; 0 leaves them to the library, which takes all cores.
         niceness: by how much its priority is lowered, 0 to 19.
+        memory_bytes: that it may take for its data; 0 sets no limit. Held to by Linux only.
     """
 
     threads: int = 1
     niceness: int = 0
+    memory_bytes: int = 0
 
 
 def start_child(
@@ -74,13 +78,36 @@ def _run(
 ) -> None:
     # The terminal sends its interrupt to the whole group; the parent decides when children end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _end_with_parent()
     if options.niceness:
         os.nice(options.niceness)
+    if options.memory_bytes:
+        _limit_memory(options.memory_bytes)
     if options.threads:
         for variable in _THREAD_VARIABLES:
             os.environ[variable] = str(options.threads)
     configure_logs(as_json=log_json)
     load(entry)(connection, *arguments)
+
+
+def _end_with_parent() -> None:
+    """A parent that is killed stops nothing; a child that works on would do so beside its successor."""
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, name="parent-watch", daemon=True).start()
+
+
+def _limit_memory(allowed: int) -> None:
+    # RLIMIT_AS would count the address space that thread stacks, allocators and mapped files reserve but
+    # do not use: several times what is taken.
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    soft = allowed if hard == resource.RLIM_INFINITY else min(allowed, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def stop_child(process: BaseProcess, grace_s: float) -> int | None:
