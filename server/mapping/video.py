@@ -16,6 +16,12 @@ FRAME_RATE = 10.0
 MAX_PIXELS = 7680 * 4320
 """Largest picture of a video that is decoded."""
 
+MAX_FRAME_RATE = 300.0
+"""Frames a second that a video may have: each of them has to be decoded, whether it is used or not."""
+
+_BURST_S = 10.0
+"""Of frames at the highest rate that may come at once: time stamps need not be even."""
+
 _MP4_ATOMS = {b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot"}
 _CONTAINER_MARKS = (b"\x1aE\xdf\xa3", b"RIFF", b"OggS", b"FLV")
 
@@ -107,7 +113,8 @@ def read_frames(path: Path, frame_rate: float = FRAME_RATE) -> Iterator[VideoFra
     A file that breaks off in the middle ends the iteration where it breaks off.
 
     Raises:
-        UnreadableVideoError: no video, or not one picture in it.
+        UnreadableVideoError: no video, not one picture in it, or far more than ``MAX_FRAME_RATE`` a second: a
+            small file can name the same bytes as millions of frames.
     """
     capture = _open(path)
     try:
@@ -120,6 +127,8 @@ def read_frames(path: Path, frame_rate: float = FRAME_RATE) -> Iterator[VideoFra
             stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
             start = stamp if start is None else start
             time = stamp - start
+            if index > MAX_FRAME_RATE * (_BURST_S + max(previous, 0.0)):
+                raise UnreadableVideoError(f"the video has over {MAX_FRAME_RATE:.0f} frames a second")
             if time <= previous:
                 continue
             # A millisecond of grace: containers round their time stamps.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import resource
+import time
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from mp4_boxes import retime, rotate
+from mp4_boxes import add_tracks, as_audio, declare_size, edit_list, repeat, retime, rotate
 
 from server.geometry.cameras import Camera
 from server.mapping.build import _upright
@@ -228,3 +231,125 @@ def test_pictures_too_small_to_use_are_refused(tmp_path: Path) -> None:
     writer.release()
     with pytest.raises(UnreadableVideoError, match="size"):
         probe(path)
+
+
+@pytest.mark.parametrize("ticks", [0, 1])
+def test_the_same_bytes_named_as_a_million_frames_are_not_all_decoded(tmp_path: Path, ticks: int) -> None:
+    path = _numbered(tmp_path / "a.mp4", 1, 10)
+    repeat(path, 1_000_000, ticks)
+    assert probe(path).frames == 1_000_000
+    begun = time.process_time()
+    with pytest.raises(UnreadableVideoError, match="300 frames a second"):
+        list(read_frames(path))
+    assert time.process_time() - begun < 5.0
+
+
+def test_slow_motion_is_no_bomb(tmp_path: Path) -> None:
+    assert len(list(read_frames(_numbered(tmp_path / "a.mp4", 2900, 240)))) == pytest.approx(121, abs=1)
+
+
+def test_4k_at_60_frames_a_second_converts_only_what_is_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 60, (3840, 2160))
+    picture = cv2.resize(np.random.default_rng(1).integers(0, 256, (27, 48, 3), np.uint8), (3840, 2160))
+    for _ in range(30):
+        writer.write(picture)
+    writer.release()
+    converted = []
+    real = cv2.cvtColor
+    monkeypatch.setattr(cv2, "cvtColor", lambda *arguments: converted.append(1) or real(*arguments))
+    frames = list(read_frames(path))
+    assert [frame.index for frame in frames] == [0, 6, 12, 18, 24]
+    assert frames[0].image.shape == (2160, 3840)
+    assert len(converted) == 5
+
+
+def test_a_still_picture_repeated_is_a_video(tmp_path: Path) -> None:
+    path = _numbered(tmp_path / "a.mp4", 1, 10)
+    repeat(path, 30, 1000)
+    frames = list(read_frames(path))
+    assert 25 <= len(frames) <= 30
+    np.testing.assert_array_equal(frames[0].image, frames[-1].image)
+
+
+def test_a_still_picture_by_a_videos_name_is_refused(tmp_path: Path) -> None:
+    done, picture = cv2.imencode(".jpg", np.full((48, 64), 128, np.uint8))
+    assert done
+    path = tmp_path / "a.mp4"
+    path.write_bytes(picture.tobytes())
+    with pytest.raises(UnreadableVideoError, match="no MP4"):
+        probe(path)
+
+
+def test_a_declared_size_takes_no_memory(tmp_path: Path) -> None:
+    path = _numbered(tmp_path / "a.mp4", 5, 10)
+    declare_size(path, 65535, 65535)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with contextlib.suppress(UnreadableVideoError):
+        # The pictures themselves say what they are.
+        assert {frame.image.shape for frame in read_frames(path)} <= {(48, 64)}
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000
+
+
+def test_pictures_beyond_8k_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (8192, 4352))
+    writer.write(np.zeros((4352, 8192, 3), np.uint8))
+    writer.release()
+    with pytest.raises(UnreadableVideoError, match="8K"):
+        probe(path)
+
+
+def test_hundred_thousand_tracks_are_refused_quickly(tmp_path: Path) -> None:
+    path = _numbered(tmp_path / "a.mp4", 5, 10)
+    add_tracks(path, 99_999)
+    begun = time.process_time()
+    with pytest.raises(UnreadableVideoError):
+        probe(path)
+    assert time.process_time() - begun < 5.0
+
+
+def test_a_second_track_is_not_looked_at(tmp_path: Path) -> None:
+    path = _numbered(tmp_path / "a.mp4", 20, 10)
+    add_tracks(path, 1)
+    assert [_number(frame) for frame in read_frames(path)] == list(range(20))
+
+
+def test_sound_alone_is_no_video(tmp_path: Path) -> None:
+    path = _numbered(tmp_path / "a.mp4", 5, 10)
+    as_audio(path)
+    with pytest.raises(UnreadableVideoError):
+        list(read_frames(path))
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        [(2**32 - 1, -1), (1000, 0)],
+        [(1, 2**31 - 1)],
+        [(0, 0)] * 1000,
+        [(1000, 0)] * 1500,
+        [(2**32 - 1, 0), (2**32 - 1, -1)],
+    ],
+)
+def test_absurd_edit_lists_end(tmp_path: Path, entries: list[tuple[int, int]]) -> None:
+    path = _numbered(tmp_path / "a.mp4", 20, 10)
+    edit_list(path, entries)
+    begun = time.process_time()
+    times = []
+    with contextlib.suppress(UnreadableVideoError):
+        times = [frame.time for frame in read_frames(path)]
+    assert time.process_time() - begun < 5.0
+    assert np.all(np.diff(times) > 0)
+
+
+@pytest.mark.parametrize("milliseconds", [0, 3_600_000])
+def test_absurd_durations_end(tmp_path: Path, milliseconds: int) -> None:
+    path = _numbered(tmp_path / "a.mp4", 20, 10)
+    retime(path, [milliseconds] * 20)
+    assert probe(path).seconds >= 0.0
+    times = [frame.time for frame in read_frames(path)]
+    assert np.all(np.diff(times) > 0)
+    assert len(times) == (1 if milliseconds == 0 else 20)

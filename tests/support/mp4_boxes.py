@@ -43,6 +43,70 @@ def retime(video: Path, milliseconds: Sequence[int]) -> None:
     video.write_bytes(_replaced(data, {b"stts": content}, total, timescale))
 
 
+def repeat(video: Path, frames: int, ticks: int) -> None:
+    """Name the first frame's bytes ``frames`` times, each shown for ``ticks`` of the media's clock."""
+    data = video.read_bytes()
+    start = data.index(b"mdat") + 4
+    size = struct.unpack_from(">I", data, start - 8)[0] - 8
+    chunks = struct.pack(">2I", 0, frames) + struct.pack(">I", start) * frames
+    leaves = {
+        b"stts": struct.pack(">4I", 0, 1, frames, ticks),
+        b"stsc": struct.pack(">5I", 0, 1, 1, 1, 1),
+        b"stsz": struct.pack(">3I", 0, size, frames),
+        b"stco": chunks,
+        b"stss": struct.pack(">2I", 0, 0),
+    }
+    video.write_bytes(_replaced(data, leaves, min(frames * ticks, 2**32 - 1), _timescale(data)))
+
+
+def declare_size(video: Path, width: int, height: int) -> None:
+    """Claim another picture size in the sample description and the track header."""
+    data = bytearray(video.read_bytes())
+    entry = data.index(b"mp4v", data.index(b"stsd")) + 4
+    struct.pack_into(">2H", data, entry + 24, width, height)
+    header = data.index(b"tkhd") - 4
+    end = header + struct.unpack_from(">I", data, header)[0]
+    struct.pack_into(">2I", data, end - 8, width << 16 & 0xFFFFFFFF, height << 16 & 0xFFFFFFFF)
+    video.write_bytes(data)
+
+
+def add_tracks(video: Path, copies: int) -> None:
+    """Repeat the (only) track. The movie's header must come after its frames."""
+    data = video.read_bytes()
+    moov = data.index(b"moov") - 4
+    size = struct.unpack_from(">I", data, moov)[0]
+    trak = data.index(b"trak", moov) - 4
+    end = trak + struct.unpack_from(">I", data, trak)[0]
+    track = data[trak:end]
+    larger = struct.pack(">I", size + copies * len(track))
+    video.write_bytes(data[:moov] + larger + data[moov + 4 : end] + track * copies + data[end:])
+
+
+def as_audio(video: Path) -> None:
+    """Call the (only) track a sound track."""
+    data = bytearray(video.read_bytes())
+    at = data.index(b"vide", data.index(b"hdlr"))
+    data[at : at + 4] = b"soun"
+    video.write_bytes(data)
+
+
+def edit_list(video: Path, entries: Sequence[tuple[int, int]]) -> None:
+    """Have the movie shown as (duration, begin in the media) pairs say, ticks of their clocks."""
+    data = video.read_bytes()
+    at = data.index(b"elst") - 4
+    size = struct.unpack_from(">I", data, at)[0]
+    edts = data.rindex(b"edts", 0, at + 4) - 4
+    content = struct.pack(">2I", 0, len(entries)) + b"".join(
+        struct.pack(">IiI", duration, begin, 1 << 16) for duration, begin in entries
+    )
+    box = struct.pack(">I", len(content) + 8) + b"elst" + content
+    grown = len(box) - size
+    edited = bytearray(data[:at] + box + data[at + size :])
+    for outer in (edts, data.rindex(b"trak", 0, edts) - 4, data.rindex(b"moov", 0, edts) - 4):
+        struct.pack_into(">I", edited, outer, struct.unpack_from(">I", edited, outer)[0] + grown)
+    video.write_bytes(edited)
+
+
 _CONTAINERS = (b"moov", b"trak", b"mdia", b"minf", b"stbl")
 
 
