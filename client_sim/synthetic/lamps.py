@@ -18,7 +18,7 @@ GRID_M = 0.5
 SIZE_M = 0.7
 """Lamps are this large: the light beside them stays finite."""
 
-BOUNCED = 0.42
+BOUNCED = 0.52
 """Light from all sides, from walls that other light falls on, in rooms with lamps of power 1."""
 
 
@@ -44,7 +44,7 @@ def illumination(lamps: Sequence[Lamp], points: Array, normals: Array) -> Array:
         down = np.maximum(way[..., 2], 0.0) / np.sqrt(squared)
         facing = np.maximum((way * normals).sum(axis=-1), 0.0) / np.sqrt(squared)
         beside = 0.25 / (1.0 + squared)
-        total += (1.9 * facing * (0.25 + 0.75 * down) / squared + beside)[..., None] * colour
+        total += (2.4 * facing * (0.25 + 0.75 * down) / squared + beside)[..., None] * colour
     return total
 
 

@@ -1,11 +1,10 @@
-"""The lamps' light on the surfaces: baked once on coarse grids, looked up for every pixel."""
+"""The lamps' light on the surfaces: baked once on coarse grids, packed in one picture."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -55,9 +54,3 @@ class LightAtlas:
         scale = cells * tiles / size
         shift = np.array([quad.shift for quad in quads])
         return LightAtlas(image, (corners - shift * scale).astype(np.float32), scale.astype(np.float32))
-
-    def look_up(self, quad: NDArray[np.intp], place: Sequence[Floats]) -> LightMap:
-        """Light (H, W, 3) at texture coordinates ``place`` of quads (H, W)."""
-        maps = [self.origin[:, k].take(quad) + self.scale[:, k].take(quad) * place[k] for k in range(2)]
-        light = cv2.remap(self.image, maps[0], maps[1], cv2.INTER_LINEAR)
-        return np.asarray(light, dtype=np.float32)

@@ -9,14 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from client_sim.synthetic.atlas import LEVELS, build_atlas
 from client_sim.synthetic.cameras import Camera, Pose
 from client_sim.synthetic.ellipsoids import draw_solids
 from client_sim.synthetic.exposure import ExposureSettings, Light, add_noise, develop
-from client_sim.synthetic.lightmaps import LightAtlas
 from client_sim.synthetic.mirrors import reflected, reflection_canvas
 from client_sim.synthetic.motion_blur import blurred, motion
 from client_sim.synthetic.rasterising import NOWHERE, Planes, RayGrid, Surfaces, blank, draw
+from client_sim.synthetic.texturing import Textures
 from client_sim.synthetic.worlds import Quad, Solid, Thing, World
 
 __all__ = ["NOWHERE", "Light", "Renderer", "Shot"]
@@ -80,14 +79,7 @@ class Renderer:
         self.camera = camera
         self._grid = RayGrid(camera)
         self._surfaces = Surfaces(world.quads)
-        unique = {id(quad.texture): quad.texture for quad in world.quads}
-        tiled = {id(quad.texture) for quad in world.quads if quad.tile is not None}
-        rank = {key: k for k, key in enumerate(unique)}
-        self._atlas = build_atlas(list(unique.values()), [key in tiled for key in unique])
-        self._texture = np.array([rank[id(quad.texture)] for quad in world.quads])
-        self._texels = np.array([quad.texture.shape[1::-1] for quad in world.quads], dtype=np.float32)
-        self._wraps = np.array([quad.tile is not None for quad in world.quads])
-        self._light = LightAtlas.of(world.quads, self._surfaces.tiles, self._surfaces.size)
+        self._textures = Textures(world.quads, self._surfaces)
         self._mirrors = [q for q, quad in enumerate(world.quads) if quad.mirror]
         parts: tuple[Quad | Solid, ...] = (*world.quads, *world.solids)
         self._things = _things(parts)
@@ -114,7 +106,7 @@ class Renderer:
             light: exposure; without it the bare textures.
             rng: draws the sensor noise; without it there is none.
         """
-        return self.shoot([pose], light, rng).image
+        return self._picture([pose], light, rng, (), None)[0]
 
     def shoot(
         self,
@@ -132,21 +124,8 @@ class Renderer:
             solids: what stands or walks in the world beside its own things.
             exposure: without it the reference, at which nominal light gives the textures' grey levels.
         """
-        pose = poses[len(poses) // 2]
-        exposure = exposure or ExposureSettings()
+        image, view = self._picture(poses, light, rng, solids, exposure)
         solids = (*self.world.solids, *solids)
-        view = self._view(pose, solids)
-        colour = self._colour(view, exposure.factor)
-        # Without a lens's own blur the silhouettes would be saw-toothed.
-        image = np.asarray(cv2.GaussianBlur(colour, (3, 3), 0.6), dtype=np.uint8)
-        if len(poses) > 1:
-            image = blurred(image, motion(self._grid, view.inverse_depth, pose, poses[0], poses[-1]))
-        if light is not None:
-            image = develop(image, light, self._darkening)
-            if rng is not None and light.noise > 0:
-                image = add_noise(image, light.noise * float(np.sqrt(exposure.gain)), rng)
-        if self._grid.blind is not None:
-            image[self._grid.blind] = 0
         things = tuple(dict.fromkeys((*self._things, *_things(solids))))
         quad = self._quad_index(view)
         labels = np.append(self._quad_labels, np.int32(-1))[quad]
@@ -164,6 +143,30 @@ class Renderer:
             things,
             view.mirror > 0,
         )
+
+    def _picture(
+        self,
+        poses: Sequence[Pose],
+        light: Light | None,
+        rng: np.random.Generator | None,
+        solids: Sequence[Solid],
+        exposure: ExposureSettings | None,
+    ) -> tuple[Image, _View]:
+        pose = poses[len(poses) // 2]
+        exposure = exposure or ExposureSettings()
+        view = self._view(pose, (*self.world.solids, *solids))
+        colour = self._colour(view, exposure.factor)
+        # Without a lens's own blur the silhouettes would be saw-toothed.
+        image = np.asarray(cv2.GaussianBlur(colour, (3, 3), 0.6), dtype=np.uint8)
+        if len(poses) > 1:
+            image = blurred(image, motion(self._grid, view.inverse_depth, pose, poses[0], poses[-1]))
+        if light is not None:
+            image = develop(image, light, self._darkening)
+            if rng is not None and light.noise > 0:
+                image = add_noise(image, light.noise * float(np.sqrt(exposure.gain)), rng)
+        if self._grid.blind is not None:
+            image[self._grid.blind] = 0
+        return image, view
 
     def _quad_index(self, view: _View) -> NDArray[np.int32]:
         count = len(self.world.quads)
@@ -200,48 +203,14 @@ class Renderer:
 
     def _colour(self, view: _View, factor: float) -> Image:
         count, copies = len(self.world.quads), len(view.planes)
-        quads = (view.surface >= 0) & (view.surface < count * copies)
-        index = np.where(quads, view.surface, 0).astype(np.intp)
-        inverse, across, down = (
-            np.concatenate([getattr(planes, name) for planes in view.planes])
-            for name in ("inverse_depth", "across", "down")
-        )
-        depth = 1.0 / np.where(quads, view.inverse_depth, np.float32(1.0))
-        quad = index if copies == 1 else index % count
-        w_x, w_y = (inverse[:, k].take(index) for k in range(2))
-        grid, pitch = self._grid, self._grid.pitch
-        place, level = [], []
-        for axis, f in enumerate((across, down)):
-            f_x, f_y = f[:, 0].take(index), f[:, 1].take(index)
-            at = (f_x * grid.x + f_y * grid.y + f[:, 2].take(index)) * depth
-            # Texels of the finest level that a step of one pixel crosses.
-            step = np.hypot((f_x - at * w_x) * pitch[0], (f_y - at * w_y) * pitch[1]) * depth
-            step *= self._texels[:, axis].take(quad)
-            # log2 by the float's exponent: rounds at 1.5 of each power of two.
-            levels = np.frexp(step * np.float32(4.0 / 3.0))[1] - 1
-            level.append(np.clip(levels, 0, LEVELS - 1))
-            place.append(at)
-        light = None if self._light is None else self._light.look_up(quad, place)
-        if self._wraps.any():
-            wraps = self._wraps.take(quad)
-            place = [np.where(wraps, p - np.floor(p), p) for p in place]
-        flat = (self._texture.take(quad) * LEVELS + level[0]) * LEVELS + level[1]
-        maps = [
-            self._atlas.origin[..., k].ravel().take(flat)
-            + self._atlas.scale[..., k].ravel().take(flat) * np.clip(place[k], 0.0, 1.0)
-            for k in range(2)
-        ]
-        image = cv2.remap(self._atlas.image, maps[0], maps[1], cv2.INTER_LINEAR)
-        if light is not None:
-            image = cv2.multiply(image, light, scale=factor, dtype=cv2.CV_8U)
-        elif factor != 1.0:
-            image = cv2.convertScaleAbs(image, alpha=factor)
-        others = ~quads
-        if others.any():
-            solid = view.surface >= count * copies
-            if solid.any():
-                image[solid] = np.clip(view.painted[solid] * np.float32(factor), 0, 255).astype(np.uint8)
-            image[others & ~solid] = OUTSIDE
+        image = self._textures.look_up(view.surface, view.inverse_depth, view.planes, self._grid, factor)
+        solid = view.surface >= count * copies
+        if solid.any():
+            painted = view.painted[solid]
+            image[solid] = painted if factor == 1.0 else cv2.convertScaleAbs(painted, alpha=factor)
+        nothing = view.surface < 0
+        if nothing.any():
+            image[nothing] = OUTSIDE
         for q in self._mirrors:
             inside = view.mirror == q + 1
             if inside.any():
