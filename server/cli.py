@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal, NoReturn, TypeVar
 
 import typer
 
+from server.commands.lazy_group import lazy_group
+
 T = TypeVar("T")
 
 app = typer.Typer(
@@ -21,6 +23,23 @@ sim = typer.Typer(
     help="The reference phone: replay a recorded walk over the real protocol.", no_args_is_help=True
 )
 app.add_typer(sim, name="sim")
+# These two need the whole of the algorithms.
+app.add_typer(
+    typer.Typer(
+        cls=lazy_group("server.commands.maps:app"),
+        help="Make a route map on this machine, look into it, write and read other formats.",
+        no_args_is_help=True,
+    ),
+    name="map",
+)
+app.add_typer(
+    typer.Typer(
+        cls=lazy_group("server.evaluation.commands:app"),
+        help="Judge routes and followers against recorded truth.",
+        no_args_is_help=True,
+    ),
+    name="evaluate",
+)
 
 DEFAULT_SERVER = "http://127.0.0.1:8000"
 
@@ -167,18 +186,6 @@ def demo(
 
     if not _run(run()):
         _fail("the follower was never found on the route")
-
-
-@app.command(
-    add_help_option=False,
-    context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []},
-)
-def evaluate(context: typer.Context) -> None:
-    """Judge routes and followers against recorded truth."""
-    # Its options are its own, and it needs the whole of the algorithms: loaded only when it is asked for.
-    from server.evaluation.commands import app as evaluation
-
-    evaluation(args=context.args, prog_name="pairnavi evaluate")
 
 
 @app.command()

@@ -117,6 +117,29 @@ def load_route_map(path: Path, *, verify: bool = True) -> RouteMap:
         CorruptRouteMapError: damaged or no route map.
         UnsupportedVersionError: of a later version.
     """
+    header, metadata, start = _read_header(path)
+    try:
+        arrays = _map_arrays(path, header, start, path.stat().st_size)
+        if verify and _checksum(arrays, metadata) != int(metadata["checksum"]):
+            raise CorruptRouteMapError("the checksum of the map does not fit: the file is damaged")
+        return _route_map(arrays, metadata)
+    except (KeyError, TypeError, ValueError, OverflowError, InvalidCameraError) as error:
+        if isinstance(error, RouteMapFileError):
+            raise
+        raise CorruptRouteMapError(f"the map is damaged: {error}") from None
+
+
+def format_version(path: Path) -> int:
+    """The format version in which a map's file was written.
+
+    Raises:
+        FileNotFoundError, CorruptRouteMapError, UnsupportedVersionError: as :func:`load_route_map`.
+    """
+    return int(_read_header(path)[1]["version"])
+
+
+def _read_header(path: Path) -> tuple[dict[str, Any], dict[str, str], int]:
+    """What the header says of the arrays, the map's metadata, and where in the file the arrays begin."""
     size = path.stat().st_size
     with path.open("rb") as file:
         prefix = file.read(8)
@@ -136,15 +159,7 @@ def load_route_map(path: Path, *, verify: bool = True) -> RouteMap:
         raise UnsupportedVersionError(
             f"the map has format version {version}, this program reads up to {FORMAT_VERSION}: update it"
         )
-    try:
-        arrays = _map_arrays(path, header, 8 + length, size)
-        if verify and _checksum(arrays, metadata) != int(metadata["checksum"]):
-            raise CorruptRouteMapError("the checksum of the map does not fit: the file is damaged")
-        return _route_map(arrays, metadata)
-    except (KeyError, TypeError, ValueError, OverflowError, InvalidCameraError) as error:
-        if isinstance(error, RouteMapFileError):
-            raise
-        raise CorruptRouteMapError(f"the map is damaged: {error}") from None
+    return header, metadata, 8 + length
 
 
 def _array(route_map: RouteMap, name: str) -> NDArray[Any]:

@@ -102,6 +102,9 @@ def write_colmap(
     if video is not None:
         write_keyframe_images(route_map, video, folder / IMAGE_FOLDER, camera)
         reconstruction.extract_colors_for_all_images(folder / IMAGE_FOLDER)
+    for stale in model.glob("*.txt" if form is ModelForm.BINARY else "*.bin"):
+        # Readers take what they find first, and would find an older model.
+        stale.unlink()
     write = reconstruction.write_binary if form is ModelForm.BINARY else reconstruction.write_text
     write(model)
     (folder / "README.txt").write_text(_readme(route_map), encoding="utf-8")
