@@ -5,23 +5,24 @@ from __future__ import annotations
 import asyncio
 import signal
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from rich.console import Console
-from rich.progress import Progress
 
-from client_sim.console import follow_with_hints, lead_with_progress
+from client_sim.console import BarReport, Bars, follow_with_hints, lead_with_bars, tell_map
 from client_sim.errors import ServiceUnreachableError
 from client_sim.follower import FollowerOptions
 from client_sim.leader import LeaderOptions
 from client_sim.outcome import FollowSummary
 from client_sim.picture import draw_tracks
+from client_sim.plan import FloorPlan
 from client_sim.service import ServiceClient
 from client_sim.walk import Walk
+from server.protocol.documents import RouteDocument
 
 _START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 15.0
@@ -34,7 +35,7 @@ class DemoOptions:
     """What is shown.
 
     Attributes:
-        leader, follower: walks; both None for a small walk rendered on the spot.
+        leader, follower: walks; both None for walks through the synthetic office, filmed on the spot.
         picture: where the picture goes.
         record: where the updates go, one JSON object a line; None for nowhere.
         service_log: where the service's log goes.
@@ -49,6 +50,22 @@ class DemoOptions:
     speed: float = 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """Where the walks come from, and what is known about them.
+
+    Attributes:
+        leader, follower: give a walk; called off the event loop, with what to tell the progress.
+        names: of the route.
+        plan: of the building, if one is known.
+    """
+
+    leader: Callable[[BarReport], Walk]
+    follower: Callable[[BarReport], Walk]
+    names: LeaderOptions
+    plan: FloorPlan | None = None
+
+
 async def run_demo(console: Console, options: DemoOptions) -> FollowSummary:
     """Show it.
 
@@ -58,23 +75,21 @@ async def run_demo(console: Console, options: DemoOptions) -> FollowSummary:
     """
     with TemporaryDirectory(prefix="pairnavi-demo-") as temporary:
         folder = Path(temporary)
-        if options.leader is not None and options.follower is not None:
-            leader, follower = options.leader, options.follower
-        else:
-            leader, follower = await asyncio.to_thread(_rendered_walks, console, folder / "walks")
         console.rule("[bold]The service[/bold]")
         async with child_service(folder / "data", options.service_log) as url:
             console.print(f"A service with an empty data folder runs at {url}")
+            stage = await asyncio.to_thread(_set_stage, options, folder / "walks")
             async with ServiceClient(url) as service:
                 console.rule("[bold]The leader[/bold]")
-                names = LeaderOptions(name="The demo", start_label="Start", destination_label="Destination")
-                route = await lead_with_progress(console, service, leader, names)
+                route, follower = await _lead(console, service, stage)
                 console.rule("[bold]The follower[/bold]")
                 outcome = await follow_with_hints(
                     console, url, route.id, follower, FollowerOptions(speed=options.speed)
                 )
                 path = await service.path(route.id)
-        await asyncio.to_thread(draw_tracks, route, path, outcome, options.picture)
+        await asyncio.to_thread(
+            draw_tracks, route, path, outcome, options.picture, walk=follower, plan=stage.plan
+        )
         console.print(f"Both tracks are drawn in [bold]{options.picture}[/bold]")
         if options.record is not None:
             await asyncio.to_thread(outcome.write, options.record)
@@ -82,13 +97,36 @@ async def run_demo(console: Console, options: DemoOptions) -> FollowSummary:
         return outcome.summary()
 
 
-def _rendered_walks(console: Console, folder: Path) -> tuple[Walk, Walk]:
-    from client_sim.synthetic.demo import write_demo_walks
+def _set_stage(options: DemoOptions, folder: Path) -> _Stage:
+    leader, follower = options.leader, options.follower
+    if leader is not None and follower is not None:
+        names = LeaderOptions(name="The demo", start_label="Start", destination_label="Destination")
+        return _Stage(lambda report: leader, lambda report: follower, names)
+    from client_sim.synthetic.demo import DESTINATION, START, DemoWalks
+    from client_sim.synthetic.recordings import Role
 
-    with Progress(console=console) as progress:
-        task = progress.add_task("Rendering a small building and two walks", total=1.0)
-        leader, follower = write_demo_walks(folder, lambda done: progress.update(task, completed=done))
-    return Walk.from_folder(leader), Walk.from_folder(follower)
+    walks = DemoWalks()
+    names = LeaderOptions("The demo", START, DESTINATION, walks.measured_length())
+
+    def filmed(role: Role) -> Callable[[BarReport], Walk]:
+        return lambda report: Walk.from_folder(walks.film(role, folder, lambda done: report(done, None)))
+
+    return _Stage(filmed(Role.LEADER), filmed(Role.FOLLOWER), names, walks.plan())
+
+
+async def _lead(console: Console, service: ServiceClient, stage: _Stage) -> tuple[RouteDocument, Walk]:
+    """The leader's route, and the follower's walk, which is filmed while the map is built."""
+    with Bars(console) as bars:
+        leader = await asyncio.to_thread(stage.leader, bars.bar("Filming the leader's walk"))
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                report = bars.bar("Filming the follower's walk")
+                follower = tasks.create_task(asyncio.to_thread(stage.follower, report))
+                route = tasks.create_task(lead_with_bars(bars, service, leader, stage.names))
+        except ExceptionGroup as failures:
+            raise failures.exceptions[0] from None
+    tell_map(console, route.result())
+    return route.result(), follower.result()
 
 
 @asynccontextmanager

@@ -27,6 +27,19 @@ def sentence(update: UpdateMessage) -> str:
             return "Hold the phone up, pointing forward."
 
 
+def refusal_sentence(reason: str) -> str:
+    """Why a picture has no pose, for a person; codes of the future get a sentence too."""
+    match reason:
+        case "too_few_features":
+            return "Nothing to see: hold the phone up, pointing forward."
+        case "no_similar_place":
+            return "Nothing on the route looks like this."
+        case "ambiguous":
+            return "Several places look like this."
+        case _:
+            return "Not sure where this is."
+
+
 def _instruction(guidance: GuidanceMessage) -> str:
     match guidance.instruction:
         case "left" | "right":

@@ -55,6 +55,7 @@ class FollowSummary:
         sent: of these, handed to the socket.
         answered: with an update that arrived.
         relocalized: with a fix of their own.
+        refused: reasons and numbers of those without one.
         replaced: dropped by the service for newer ones.
         lost: reasons and numbers of those without an update.
         age_p50_ms, age_p95_ms: from taking a picture to its update's arrival; None without updates.
@@ -67,6 +68,7 @@ class FollowSummary:
     sent: int
     answered: int
     relocalized: int
+    refused: dict[str, int]
     replaced: int
     lost: dict[str, int]
     age_p50_ms: float | None
@@ -103,6 +105,7 @@ class FollowOutcome:
             sent=sum(r.lost not in unsent for r in self.records),
             answered=len(answered),
             relocalized=sum(u.fix is not None for u in updates),
+            refused=dict(Counter(u.refusal.reason for u in updates if u.refusal is not None)),
             replaced=max((u.frames.replaced for u in updates), default=0),
             lost=dict(Counter(r.lost or "replaced" for r in self.records if r.update is None)),
             age_p50_ms=_percentile(ages, 50),

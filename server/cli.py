@@ -20,7 +20,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 sim = typer.Typer(
-    help="The reference phone: replay a recorded walk over the real protocol.", no_args_is_help=True
+    help="The reference phone: record walks, replay them over the real protocol.", no_args_is_help=True
 )
 app.add_typer(sim, name="sim")
 # These two need the whole of the algorithms.
@@ -152,6 +152,18 @@ def sim_follower(
             await asyncio.to_thread(draw_tracks, document, path, outcome, picture)
 
     _run(run())
+
+
+@sim.command(
+    "record",
+    add_help_option=False,
+    context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []},
+)
+def sim_record(context: typer.Context) -> None:
+    """Record a walk through the synthetic building, as a walk folder with its truth."""
+    from client_sim.synthetic.commands import app as recording
+
+    recording(args=context.args, prog_name="pairnavi sim record")
 
 
 @app.command()

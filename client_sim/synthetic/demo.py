@@ -1,64 +1,80 @@
-"""The walks of the demo: one leader, one follower, in a very small building."""
+"""The walks of the demo: a leader and a follower in the synthetic office."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
+from client_sim.plan import FloorPlan
+from client_sim.synthetic.office import build_office
+from client_sim.synthetic.outlines import outlines
+from client_sim.synthetic.recordings import Recording, Role, Span, WalkPlan, plan_recording
+from client_sim.synthetic.venue import Building
+from client_sim.synthetic.walk_folders import write_recording
 
-from client_sim.synthetic.buildings import CORRIDOR_AND_ROOM, build_world
-from client_sim.synthetic.cameras import PinholeCamera
-from client_sim.synthetic.gait import Gait
-from client_sim.synthetic.rendering import Light, Renderer
-from client_sim.synthetic.trajectories import walk
-from client_sim.synthetic.walk_folders import write_walk
+ROUTE = (
+    (15.5, 2.7, 0.0),
+    (18.9, 2.7, 0.0),
+    (18.9, 13.5, 0.0),
+    (11.5, 13.5, 0.0),
+    (11.5, 8.3, 0.0),
+    (8.2, 8.3, 0.0),
+)
+"""Along two corridors, through the open office, and out at its other end: 30 m, four turns."""
 
-ROUTE = ((0.8, 1.0), (7.0, 1.0), (7.0, 7.4), (11.2, 8.5))
-"""Waypoints, metres: along both corridors, a turn to the left, and to the right into the room."""
+START, DESTINATION = "Room 0.03", "Room 0.21"
 
-LEADER_CAMERA = PinholeCamera()
-FOLLOWER_CAMERA = PinholeCamera(fx=540.0, fy=540.0)
+COVERED = Span(8.0, 10.0)
+"""When somebody's thumb is on the follower's lens."""
+
+EYE_LEVEL = 1.2
+"""Height above the floor at which the plan cuts the walls."""
 
 
-def write_demo_walks(
-    folder: Path, on_progress: Callable[[float], None] | None = None, *, seed: int = 7
-) -> tuple[Path, Path]:
-    """Write ``leader`` and ``follower`` walk folders below ``folder`` and return their paths.
+def _office() -> Building:
+    building = build_office()
+    return replace(building, routes={"demo": ROUTE})
 
-    The follower walks up to 0.3 m beside the leader, with another camera, in other light.
 
-    Args:
-        on_progress: gets the fraction done of both, 0 to 1.
+@dataclass(frozen=True)
+class DemoWalks:
+    """Both walks, planned; filming takes a while each.
 
-    Raises:
-        OSError: a file cannot be written.
+    Attributes:
+        seed: of the follower; the leader has its own.
     """
-    building, leading, following = (np.random.default_rng([seed, stream]) for stream in range(3))
-    world = build_world("synthetic", CORRIDOR_AND_ROOM, building)
 
-    def report(start: float) -> Callable[[float], None] | None:
-        return None if on_progress is None else lambda fraction: on_progress(start + fraction / 2)
+    seed: int = 5
+    building: Building = field(default_factory=_office, repr=False)
 
-    leader, follower = folder / "leader", folder / "follower"
-    gait = Gait()
-    write_walk(
-        leader,
-        Renderer(world, LEADER_CAMERA),
-        walk(ROUTE, leading, gait),
-        leading,
-        light=Light(),
-        meta={"role": "leader", "seed": seed, "camera_height_m": gait.height},
-        on_progress=report(0.0),
-    )
-    other = Gait(speed=1.2, height=1.6, step_rate=2.05, pitch=-0.03)
-    write_walk(
-        follower,
-        Renderer(world, FOLLOWER_CAMERA),
-        walk(ROUTE, following, other, wander=0.3),
-        following,
-        light=Light(gain=0.88, gamma=1.1, warmth=1.12),
-        meta={"role": "follower", "seed": seed, "camera_height_m": other.height},
-        on_progress=report(0.5),
-    )
-    return leader, follower
+    @property
+    def leader(self) -> Recording:
+        """Somebody who knows the way, alone."""
+        return plan_recording(self.building, "demo", WalkPlan(seed=1))
+
+    @property
+    def follower(self) -> Recording:
+        """With another phone, past two people, once with a thumb on the lens."""
+        plan = WalkPlan(Role.FOLLOWER, self.seed, speed=1.2, people=2, covered=(COVERED,))
+        return plan_recording(self.building, "demo", plan)
+
+    def film(self, role: Role, folder: Path, on_progress: Callable[[float], None]) -> Path:
+        """Write one walk's folder below ``folder`` and return it.
+
+        Raises:
+            OSError: a file cannot be written.
+        """
+        walk = folder / role.value
+        write_recording(walk, self.leader if role is Role.LEADER else self.follower, on_progress)
+        return walk
+
+    def plan(self) -> FloorPlan:
+        """The walls of the storey, and where the leader walks."""
+        walls = outlines(self.building.world, ROUTE[0][2] + EYE_LEVEL, movable=False)
+        motion = self.leader.motion
+        return FloorPlan(walls, motion.times, motion.position)
+
+    def measured_length(self) -> float:
+        """What a tape measure along the leader's way says, metres to a decimetre."""
+        return round(self.leader.motion.length, 1)

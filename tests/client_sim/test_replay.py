@@ -200,11 +200,16 @@ async def test_the_picture_is_drawn(shared: Service, route: str, walk: Walk, tmp
     outcome = await follow(shared.url, route, walk, FAST)
     async with ServiceClient(shared.url) as client:
         document, path = await client.route(route), await client.path(route)
-    draw_tracks(document, path, outcome, tmp_path / "new" / "picture.png")
-    image = cv2.imread(str(tmp_path / "new" / "picture.png"))
-    assert image is not None
-    assert image.shape == (960, 1680, 3)
-    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 100
+    bare, told = tmp_path / "new" / "bare.png", tmp_path / "told.png"
+    draw_tracks(document, path, outcome, bare)
+    draw_tracks(document, path, outcome, told, walk=walk)
+    images = [cv2.imread(str(picture)) for picture in (bare, told)]
+    for image in images:
+        assert image is not None
+        assert image.shape[1] == 1680
+        assert len(np.unique(image.reshape(-1, 3), axis=0)) > 100
+    # The strip of the follower's pictures comes below.
+    assert images[1].shape[0] > images[0].shape[0] + 200
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.4, -0.7])

@@ -13,8 +13,8 @@ from demo_route import DemoRoute
 
 from client_sim.synthetic.buildings import CORRIDOR_AND_ROOM, build_world
 from client_sim.synthetic.cameras import PinholeCamera, Pose, level_rotation
-from client_sim.synthetic.demo import FOLLOWER_CAMERA
 from client_sim.synthetic.rendering import Light, Renderer
+from client_sim.synthetic.small_walks import FOLLOWER_CAMERA
 from server.evaluation.follower import AnsweredFrame, FollowerJudgement, judge_follower
 from server.geometry.cameras import Camera
 from server.mapping.codec import load_route_map

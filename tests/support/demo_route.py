@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from client_sim.synthetic.demo import write_demo_walks
+from client_sim.synthetic.small_walks import write_small_walks
 from server.evaluation.leader import BuildFigures, LeaderJudgement, judge_leader
 from server.evaluation.walk import Walk, read_walk
 from server.mapping.build import build_route_map
@@ -41,7 +41,7 @@ def judged(walk: Walk, result: BuildResult) -> LeaderJudgement:
 
 def build_demo_route(folder: Path) -> DemoRoute:
     """Render, build, write, judge."""
-    leader, follower = (read_walk(walk) for walk in write_demo_walks(folder))
+    leader, follower = (read_walk(walk) for walk in write_small_walks(folder))
     told: list[BuildProgress] = []
     result = build_route_map(leader.video, leader.camera, on_progress=told.append)
     assert result.route_map is not None, result.detail

@@ -11,10 +11,10 @@ import pytest
 
 from client_sim.synthetic.buildings import CORRIDOR_AND_ROOM, build_world
 from client_sim.synthetic.cameras import PinholeCamera, project
-from client_sim.synthetic.demo import ROUTE, write_demo_walks
 from client_sim.synthetic.gait import Gait
 from client_sim.synthetic.paths import smooth_path
 from client_sim.synthetic.rendering import Light, Renderer
+from client_sim.synthetic.small_walks import ROUTE, write_small_walks
 from client_sim.synthetic.trajectories import walk
 from client_sim.synthetic.walk_folders import write_walk
 from server.evaluation.walk import arc_length, read_walk
@@ -85,7 +85,7 @@ def test_a_walk_is_its_seed() -> None:
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, list[float]]:
     """The demo's walks and the progress that was told."""
     told: list[float] = []
-    leader, follower = write_demo_walks(tmp_path_factory.mktemp("demo"), told.append)
+    leader, follower = write_small_walks(tmp_path_factory.mktemp("demo"), told.append)
     return leader, follower, told
 
 
