@@ -71,7 +71,8 @@ class WeaknessOptions:
             tracking is lost.
         clipped, covered: shares of the picture above; textured: below.
         blur: ``sharpness`` below this share of the walk's median, over a whole stretch.
-        blur_step: the same with a drop to ``step`` of what is just before and after it.
+        blur_step: the same with sudden edges, at which it falls to ``step`` of what is just outside
+            and ``followed`` below ``break_followed``.
         turning: radians a second above; turning_lost: the same where tracking is lost.
         strays: share of the features above, for at least ``strays_s``; strays_lost: where tracking is lost.
         followed_lost: of sharp pictures with texture fewer features are found again only if the
@@ -89,10 +90,11 @@ class WeaknessOptions:
     textured: tuple[float, float] = (0.15, 0.28)
     blur: float = 0.38
     blur_step: float = 0.62
-    step: float = 0.58
+    step: float = 0.6
+    break_followed: float = 0.6
     turning: tuple[float, float] = (float(np.deg2rad(120.0)), float(np.deg2rad(90.0)))
     turning_lost: float = float(np.deg2rad(90.0))
-    strays: tuple[float, float] = (0.5, 0.4)
+    strays: tuple[float, float] = (0.65, 0.55)
     strays_s: float = 1.0
     strays_lost: float = 0.35
     followed_lost: float = 0.2
@@ -180,22 +182,27 @@ def _blurred(e: FrameEvidence, free: Mask, o: WeaknessOptions) -> list[tuple[int
     level = np.log(np.maximum(e.sharpness, 1e-4) / max(typical, 1e-4))
     spans = []
     for a, b in _joined(_spans((level < np.log(o.blur_step)) & free), e.time, 0.25):
-        begin, end, inside, outside = _stepped(level, free, a, b)
-        far_below = inside < np.log(o.blur)
-        stepped = bool(outside) and all(inside - side < np.log(o.step) for side in outside)
-        below = inside < np.log(o.blur_step)
-        if (far_below or (below and stepped)) and _seconds(begin, end, e.time) >= o.least_s:
-            spans.append((begin, end))
+        # A bland view may join on to a blur: what is cut out is tried first, then the whole.
+        for begin, end in (_edges(level, free, a, b), (a, b)):
+            if _seconds(begin, end, e.time) >= o.least_s and _is_blur(e, level, free, begin, end, o):
+                spans.append((begin, end))
+                break
     return spans
 
 
-def _stepped(
-    level: Array, free: Mask, a: int, b: int, reach: int = 10
-) -> tuple[int, int, float, list[float]]:
+def _is_blur(e: FrameEvidence, level: Array, free: Mask, begin: int, end: int, o: WeaknessOptions) -> bool:
+    inside = float(np.median(level[begin:end]))
+    if inside < np.log(o.blur):
+        return True
+    steps = _steps(level, free, begin, end)
+    sudden = bool(steps) and max(steps) < np.log(o.step) and _breaks(e.followed, begin, end, o)
+    return sudden and inside < np.log(o.blur_step)
+
+
+def _edges(level: Array, free: Mask, a: int, b: int, reach: int = 10) -> tuple[int, int]:
     """The edges near (a, b) that cut ``level`` best into a low piece and what is around it.
 
-    Least squares of three constant pieces. Returns the edges, the level between them, and the levels
-    of the sides that there are.
+    Least squares of three constant pieces.
     """
     low, high = a, b
     while low > max(0, a - reach) and free[low - 1]:
@@ -215,10 +222,35 @@ def _stepped(
     inner = j - i >= min(3, b - a)
     i, j = i[inner], j[inner]
     start, end = np.zeros_like(i), np.full_like(j, len(x))
-    best = int(np.argmin(cost(start, i) + cost(i, j) + cost(j, end)))
-    p, q = int(i[best]), int(j[best])
-    outside = [float(side.mean()) for side in (x[max(0, p - 5) : p], x[q : q + 5]) if len(side) >= 2]
-    return low + p, low + q, float(np.median(x[p:q])), outside
+    piece = (sums[j] - sums[i]) / (j - i)
+    around = [
+        np.where(q > p, (sums[q] - sums[p]) / np.maximum(q - p, 1), np.inf) for p, q in ((start, i), (j, end))
+    ]
+    low_piece = (piece < around[0]) & (piece < around[1])
+    if not low_piece.any():
+        return a, b
+    total = cost(start, i) + cost(i, j) + cost(j, end)
+    best = int(np.argmin(np.where(low_piece, total, np.inf)))
+    return low + int(i[best]), low + int(j[best])
+
+
+def _steps(level: Array, free: Mask, begin: int, end: int, width: int = 2) -> list[float]:
+    """How far ``level`` falls at the edges of a span; one outside of which nothing is known is left out."""
+    steps = []
+    for inner, outer in (
+        (slice(begin, begin + width), slice(max(0, begin - width), begin)),
+        (slice(max(begin, end - width), end), slice(end, end + width)),
+    ):
+        known = level[outer][free[outer]]
+        if len(known):
+            steps.append(float(np.median(level[inner]) - np.median(known)))
+    return steps
+
+
+def _breaks(followed: Array, begin: int, end: int, o: WeaknessOptions) -> bool:
+    """Whether features are hard to find again at both edges of a span, as where a blur sets in."""
+    edges = (followed[max(0, edge - 1) : edge + 2] for edge in (begin, end))
+    return all(_least(edge) < o.break_followed for edge in edges if np.isfinite(edge).any())
 
 
 def _lost(e: FrameEvidence, seen: list[Run], o: WeaknessOptions) -> list[Run]:
@@ -303,6 +335,10 @@ def _middle(values: Array) -> float:
     """Median of what is known; NaN, which no threshold is passed by, if nothing is."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else float("nan")
+
+
+def _least(values: Array) -> float:
+    return float(np.nanmin(values))
 
 
 def _most(values: Array) -> float:
