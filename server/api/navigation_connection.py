@@ -366,7 +366,10 @@ class NavigationConnection:
             except FrameLostError as error:
                 await self._complain(ErrorCode.FRAME_LOST, error.detail, frame.sequence)
                 continue
-            except (MapUnusableError, NavigationUnavailableError) as error:
+            except MapUnusableError as error:
+                self._navigation.end(session)
+                raise _map_unusable(error.detail) from None
+            except NavigationUnavailableError as error:
                 self._navigation.end(session)
                 raise EndConnection(
                     CloseCode.INTERNAL_ERROR, ErrorCode.INTERNAL_ERROR, error.detail, frame.sequence

@@ -61,7 +61,7 @@ class Pool(Protocol):
 
         Raises:
             FrameRefusedError, FrameLostError: about this picture only.
-            NavigationUnavailableError: the session cannot go on.
+            MapUnusableError, NavigationUnavailableError: the session cannot go on.
         """
         ...
 
@@ -275,7 +275,7 @@ class NavigationService:
 
         Raises:
             FrameRefusedError, FrameLostError: about this picture only.
-            NavigationUnavailableError: the session cannot go on.
+            MapUnusableError, NavigationUnavailableError: the session cannot go on.
         """
         try:
             update = await self._pool.process(session.id, sequence, capture_time_us / 1e6, picture)

@@ -66,6 +66,7 @@ class NavigationChannel:
         self._ready: asyncio.Future[None] = loop.create_future()
         self._ended = False
         self._handed_over = False
+        self._heard = loop.time()
         # A pipe's write blocks when the process is busy, its read always does: a thread for each.
         self._writer = threading.Thread(target=self._write, name="navigation-writer", daemon=True)
         self._reader = threading.Thread(target=self._read, name="navigation-reader", daemon=True)
@@ -106,6 +107,11 @@ class NavigationChannel:
     def pid(self) -> int | None:
         """Process id."""
         return self._process.pid if not self._ended else None
+
+    @property
+    def silent_s(self) -> float:
+        """Seconds since the process last answered anything."""
+        return self._loop.time() - self._heard
 
     async def open(
         self, session: str, map_file: str, camera: Any, orientation: int, snapshot: Any | None
@@ -170,6 +176,7 @@ class NavigationChannel:
             return  # The loop is closed: nobody waits any more.
 
     def _resolve(self, reply: Reply | Ready) -> None:
+        self._heard = self._loop.time()
         if isinstance(reply, Ready):
             if not self._ready.done():
                 self._ready.set_result(None)

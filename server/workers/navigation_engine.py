@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -29,6 +30,7 @@ class EngineSession(Protocol):
 
         Raises:
             PictureRefused: it is no JPEG, or not of the camera's size.
+            MapRefused: the map was damaged since the session began.
         """
         ...
 
@@ -57,11 +59,19 @@ class MapSession:
     Args:
         camera: of the pictures as they come.
         orientation: degrees clockwise by which they have to be turned.
+        examine: raises MapRefused if the map's file is no longer what it was.
     """
 
     def __init__(
-        self, route_map: RouteMap, camera: Camera, orientation: int, snapshot: Any | None, max_pixels: int
+        self,
+        route_map: RouteMap,
+        camera: Camera,
+        orientation: int,
+        snapshot: Any | None,
+        max_pixels: int,
+        examine: Callable[[], object],
     ) -> None:
+        self._examine = examine
         self._camera = camera
         self._turn = _TURNS.get(orientation)
         self._max_pixels = max_pixels
@@ -82,7 +92,12 @@ class MapSession:
         self._check_size(image.shape[1], image.shape[0])
         if self._turn is not None:
             image = np.asarray(cv2.rotate(image, self._turn), dtype=np.uint8)
-        update: Update = self._session.process(image, capture_time, sequence)
+        try:
+            update: Update = self._session.process(image, capture_time, sequence)
+        except Exception:
+            # A map's arrays lie in its file: damaged there, they are nonsense here.
+            self._examine()
+            raise
         return update
 
     def _check_size(self, width: int, height: int) -> None:
@@ -107,25 +122,53 @@ class MapEngine:
     def __init__(self, maps: int, max_pixels: int) -> None:
         self._capacity = maps
         self._max_pixels = max_pixels
-        self._maps: OrderedDict[str, RouteMap] = OrderedDict()
+        self._maps: OrderedDict[str, _OpenMap] = OrderedDict()
 
     def open(
         self, map_file: str, camera: Mapping[str, Any], orientation: int, snapshot: Any | None
     ) -> MapSession:
         """See :meth:`Engine.open`."""
         return MapSession(
-            self._map(map_file), Camera.from_json(camera), orientation, snapshot, self._max_pixels
+            self._map(map_file),
+            Camera.from_json(camera),
+            orientation,
+            snapshot,
+            self._max_pixels,
+            lambda: _load(map_file),
         )
 
     def _map(self, map_file: str) -> RouteMap:
-        route_map = self._maps.get(map_file)
-        if route_map is None:
-            try:
-                route_map = load_route_map(Path(map_file))
-            except (RouteMapFileError, OSError) as error:
-                raise MapRefused(str(error)) from None
-            self._maps[map_file] = route_map
+        known = self._maps.get(map_file)
+        if known is None or known.version != _version(map_file):
+            self._maps.pop(map_file, None)
+            known = self._maps[map_file] = _load(map_file)
         self._maps.move_to_end(map_file)
         while len(self._maps) > self._capacity:
             self._maps.popitem(last=False)
-        return route_map
+        return known.route_map
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _OpenMap:
+    route_map: RouteMap
+    version: tuple[int, ...] | None
+
+
+def _version(map_file: str) -> tuple[int, ...] | None:
+    """What changes when the file does: a map is never written again, but disks and people do as they like."""
+    try:
+        status = Path(map_file).stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
+def _load(map_file: str) -> _OpenMap:
+    version = _version(map_file)
+    try:
+        return _OpenMap(load_route_map(Path(map_file)), version)
+    except RouteMapFileError as error:
+        raise MapRefused(str(error)) from None
+    except OSError as error:
+        # Not its text, which names the path.
+        raise MapRefused(error.strerror or "it cannot be opened") from None

@@ -25,6 +25,8 @@ MAX_DEATHS = 3
 """A session whose pictures killed its process so often is not tried again."""
 FORGIVEN_AFTER = 100
 """Answered pictures after which a session's earlier deaths no longer count."""
+_NO_PROCESS_S = 30.0
+"""For a process to be there again, when all have died."""
 _SHORT_LIFE_S = 5.0
 _LONGEST_PAUSE_S = 5.0
 
@@ -56,7 +58,7 @@ class NavigationPool:
         processes: how many.
         maps: route maps kept open in each.
         max_pixels: of a picture.
-        answer_timeout_s: a process silent for so long is killed and replaced.
+        answer_timeout_s: a process that was asked and is silent for so long is killed and replaced.
         engine: import path, see :mod:`server.workers.navigation_worker`.
     """
 
@@ -143,6 +145,8 @@ class NavigationPool:
                 return reply.update
         if isinstance(reply, Refused) and reply.kind == "picture":
             raise FrameRefusedError(reply.detail)
+        if isinstance(reply, Refused) and reply.kind == "map":
+            raise MapUnusableError(f"the route's map can no longer be read: {reply.detail}")
         raise FrameLostError("the picture could not be answered because of an internal error")
 
     def close_session(self, session: str) -> None:
@@ -176,12 +180,21 @@ class NavigationPool:
         return entry.channel
 
     async def _in_time(self, channel: NavigationChannel, asking: Coroutine[Any, Any, Reply]) -> Reply:
+        """The reply, waited for as long as the process answers anybody: its queue is everybody's."""
+        asked = asyncio.ensure_future(asking)
+        patience = self._answer_timeout_s
         try:
-            return await asyncio.wait_for(asking, self._answer_timeout_s)
-        except TimeoutError:
+            while patience > 0:
+                done, _ = await asyncio.wait({asked}, timeout=patience)
+                if done:
+                    return asked.result()
+                patience = self._answer_timeout_s - channel.silent_s
             log.error("navigation.process_silent", seconds=self._answer_timeout_s, pid=channel.pid)
             channel.kill()
-            raise ChannelClosed(was_next=True) from None
+            # Ends with the process, and with the knowledge whose picture it was.
+            return await asked
+        finally:
+            asked.cancel()
 
     def _note_death(self, entry: _Session, error: ChannelClosed) -> None:
         entry.channel = None
@@ -189,13 +202,16 @@ class NavigationPool:
             entry.deaths += 1
 
     async def _least_loaded(self) -> NavigationChannel:
-        async with self._alive:
-            await self._alive.wait_for(lambda: self.alive > 0)
-            load = {slot.channel: 0 for slot in self._slots if slot.channel is not None}
-            for entry in self._sessions.values():
-                if entry.channel in load:
-                    load[entry.channel] += 1
-            return min(load, key=lambda channel: load[channel])
+        try:
+            async with asyncio.timeout(_NO_PROCESS_S), self._alive:
+                await self._alive.wait_for(lambda: self.alive > 0)
+        except TimeoutError:
+            raise NavigationUnavailableError("no process could be started for the session") from None
+        load = {slot.channel: 0 for slot in self._slots if slot.channel is not None}
+        for entry in self._sessions.values():
+            if entry.channel in load:
+                load[entry.channel] += 1
+        return min(load, key=lambda channel: load[channel])
 
     async def _start(self, slot: _Slot) -> None:
         channel = await NavigationChannel.start(lambda ended: self._ended(slot, ended), *self._arguments)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 
 from server.services.errors import MapUnusableError, NavigationUnavailableError
 from server.services.navigation import FrameLostError, FrameRefusedError
+from server.workers import navigation_pool
 from server.workers.navigation_channel import ChannelClosed
 from server.workers.navigation_pool import NavigationPool
 
@@ -113,3 +115,83 @@ async def test_the_libraries_of_a_process_use_one_thread() -> None:
         assert await count(running, "a", 1) == 1.0
     finally:
         await running.close()
+
+
+async def test_a_busy_process_is_not_a_silent_one(map_file: str) -> None:
+    """Ten pictures of 0.3 s wait in one queue: the last one waits longer than any process may be silent."""
+    async with pool(1, answer_timeout_s=1.5) as running:
+        for number in range(10):
+            await running.open(f"s{number}", map_file, CAMERA, 0)
+        (pid,) = running.pids
+        asked = [running.process(f"s{number}", 1, 0.1, PICTURE + b"slow") for number in range(10)]
+        assert all(update.fix is not None for update in await asyncio.gather(*asked))
+        assert running.pids == [pid]
+
+
+async def test_only_the_picture_that_silenced_a_process_is_blamed(map_file: str) -> None:
+    async with pool(1, answer_timeout_s=0.5) as running:
+        for session in "abc":
+            await running.open(session, map_file, CAMERA, 0)
+        (pid,) = running.pids
+        os.kill(pid, signal.SIGSTOP)
+        asked = []
+        for session in "abc":
+            asked.append(asyncio.create_task(running.process(session, 1, 0.1, PICTURE)))
+            await asyncio.sleep(0.01)
+        lost = await asyncio.gather(*asked, return_exceptions=True)
+        assert all(isinstance(each, FrameLostError) for each in lost)
+        assert [running._sessions[session].deaths for session in "abc"] == [1, 0, 0]
+
+
+async def test_a_session_does_not_wait_for_ever_for_a_process(
+    map_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(navigation_pool, "_NO_PROCESS_S", 0.3)
+    async with pool(1) as running:
+        monkeypatch.setattr(running, "_arguments", ("stub_core:NoSuchEngine", 2, 1))
+        (pid,) = running.pids
+        os.kill(pid, signal.SIGKILL)
+        async with asyncio.timeout(5):
+            while running.alive:
+                await asyncio.sleep(0.01)
+            with pytest.raises(NavigationUnavailableError, match="no process"):
+                await running.open("a", map_file, CAMERA, 0)
+
+
+async def test_processes_that_died_leave_no_trace(map_file: str) -> None:
+    """Killed in the middle of a picture, five times over."""
+    async with pool(1) as running:
+        handles = open_files()
+        threads = pipe_threads()
+        for number in range(5):
+            await running.open(f"s{number}", map_file, CAMERA, 0)
+            (pid,) = running.pids
+            asked = asyncio.create_task(running.process(f"s{number}", 1, 0.1, PICTURE + b"slow"))
+            await asyncio.sleep(0.05)
+            os.kill(pid, signal.SIGKILL)
+            with pytest.raises(FrameLostError):
+                await asked
+            async with asyncio.timeout(30):
+                while running.pids in ([], [pid]):
+                    await asyncio.sleep(0.02)
+            assert await count(running, f"s{number}", 2) == 1.0
+            assert is_reaped(pid)
+        assert open_files() <= handles
+        assert pipe_threads() == threads == 2
+
+
+def open_files() -> int:
+    return len(list(Path("/dev/fd").iterdir()))
+
+
+def pipe_threads() -> int:
+    return sum(thread.name.startswith("navigation-") for thread in threading.enumerate())
+
+
+def is_reaped(pid: int) -> bool:
+    """A zombie could still be waited for."""
+    try:
+        os.waitpid(pid, os.WNOHANG)
+    except ChildProcessError:
+        return True
+    return False
