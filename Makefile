@@ -8,13 +8,14 @@ PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help install install-dev demo test check format lock clean
+.PHONY: help install install-dev demo test check format spec lock clean
 
 help:
 	@echo 'make demo      install, then show a leader and a follower on a small synthetic walk'
 	@echo 'make test      install with the tools, then run the tests (PYTEST_ARGS="-k name" for some of them)'
 	@echo 'make check     ruff, mypy, import-linter'
 	@echo 'make format    let ruff rewrite the code'
+	@echo 'make spec      write docs/openapi.json, docs/asyncapi.json and the tables of the docs anew from the code'
 	@echo 'make install   the command pairnavi in $(VENV), exactly the locked versions'
 	@echo 'make lock      write requirements/*.txt anew from pyproject.toml (UPGRADE=1 takes newer versions)'
 	@echo 'make clean     remove $(VENV) and the caches'
@@ -37,6 +38,11 @@ check: install-dev
 format: install-dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+spec: install-dev
+	$(BIN)/pairnavi spec openapi --out docs/openapi.json
+	$(BIN)/pairnavi spec asyncapi --out docs/asyncapi.json
+	$(BIN)/python docs/generate.py
 
 # The build tools come locked too: an isolated build would fetch whatever is newest.
 $(VENV)/.runtime: $(VENV)/.created requirements/build.txt requirements/runtime.txt pyproject.toml

@@ -35,7 +35,7 @@ class ErrorCode(StrEnum):
     BAD_FRAME = (
         "bad_frame",
         None,
-        "no JPEG, or not of the camera's shape; a time over an hour ahead of the phone's clock",
+        "no JPEG, or not of the camera's size; a time over an hour ahead of the phone's clock",
     )
     FRAME_LOST = "frame_lost", None, "a picture that was taken but could not be answered"
     UNSUPPORTED_FRAME_TYPE = "unsupported_frame_type", None, "a type that this version does not know"
@@ -56,7 +56,7 @@ class ErrorCode(StrEnum):
     MAP_UNUSABLE = (
         "map_unusable",
         CloseCode.MAP_UNUSABLE,
-        "the stored map is gone, damaged or of another version",
+        "the stored map is gone, damaged or of another version, now or since the session began",
     )
     TOO_LARGE = "too_large", CloseCode.TOO_LARGE, "a message beyond the limits"
     RATE_EXCEEDED = (

@@ -235,7 +235,7 @@ class FrameCounts(_FromServer):
         answered: with an update.
         replaced: dropped because a newer one came before they were looked at.
         stale: dropped because they came out of order or twice.
-        bad: no JPEG, of the wrong shape, or from the future.
+        bad: no JPEG, of the wrong size, or from the future.
     """
 
     received: int

@@ -56,7 +56,13 @@ def message_schemas(
     _, document = models_json_schema(modes, ref_template=REFERENCE)
     schemas: dict[str, Schema] = document["$defs"]
     models = models_within(model for model, _ in modes)
-    return {name: plain(schemas[name], models.get(name)) for name in sorted(schemas)}
+    made = {name: plain(schemas[name], models.get(name)) for name in sorted(schemas)}
+    for name in models_within(model for model, mode in modes if mode == "serialization"):
+        properties = made[name]["properties"]
+        made[name]["required"] = list(properties)
+        for property_ in properties.values():
+            property_.pop("default", None)
+    return made
 
 
 def plain(schema: Schema, model: type[BaseModel] | None = None) -> Schema:

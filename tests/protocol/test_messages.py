@@ -1,16 +1,11 @@
 from __future__ import annotations
 
-import json
-import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
 
-from server.protocol.close_codes import CloseCode
-from server.protocol.error_codes import ErrorCode
 from server.protocol.messages import (
     End,
     Hello,
@@ -20,40 +15,6 @@ from server.protocol.messages import (
     parse_client_message,
     parse_server_message,
 )
-
-DOCUMENT = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
-
-
-def examples() -> list[dict[str, object]]:
-    """All JSON messages of the documentation."""
-    blocks = re.findall(r"```json\n(.*?)```", DOCUMENT, flags=re.DOTALL)
-    return [document for document in map(json.loads, blocks) if "type" in document]
-
-
-@pytest.mark.parametrize("example", examples(), ids=lambda e: str(e["type"]))
-def test_the_documented_examples_are_valid_and_complete(example: dict[str, object]) -> None:
-    text = json.dumps(example)
-    client = example["type"] in ("hello", "ping", "end")
-    message = parse_client_message(text) if client else parse_server_message(text)
-    assert json.loads(message.model_dump_json()).keys() == example.keys()
-
-
-def test_every_message_is_documented_by_an_example() -> None:
-    documented = {example["type"] for example in examples()}
-    assert documented == {"hello", "ping", "end", "welcome", "update", "error", "pong", "goodbye"}
-
-
-@pytest.mark.parametrize("code", [c for c in CloseCode if c >= 4400])
-def test_every_close_code_is_documented(code: CloseCode) -> None:
-    row = re.search(rf"^\| {int(code)} \| `(\w+)` \|.*\| (yes|no) \|$", DOCUMENT, flags=re.MULTILINE)
-    assert row is not None
-    assert row.group(1) == code.name.lower()
-    assert row.group(2) == ("yes" if code.may_resume else "no")
-
-
-@pytest.mark.parametrize("code", list(ErrorCode))
-def test_every_error_code_is_documented(code: ErrorCode) -> None:
-    assert f"| `{code}` |" in DOCUMENT
 
 
 @pytest.mark.parametrize(
