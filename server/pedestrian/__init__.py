@@ -1,0 +1,1 @@
+"""What a phone's motion sensors and radios tell about a walk: steps, heading, height, anchors."""

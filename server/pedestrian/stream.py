@@ -1,0 +1,221 @@
+"""A phone's stream: one sample in, events out; all that is remembered is small and bounded."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.pedestrian.dead_reckoning import DeadReckoning, DeadReckoningOptions
+from server.pedestrian.events import Event, Sensor, Step, TroubleKind
+from server.pedestrian.gait import Gait, GaitOptions, Pace
+from server.pedestrian.intake import Clock, IntakeOptions, Reports
+from server.pedestrian.orientation import Orientation, Vector, wrapped
+from server.pedestrian.resampling import MotionGrid
+from server.pedestrian.samples import Accelerometer, Gyroscope, Magnetometer, Sample, VectorSample
+from server.pedestrian.stride import UserProfile
+from server.pedestrian.units import ACCELERATION, MAGNETIC_FIELD, G, UnitGuard
+
+Array = NDArray[np.float64]
+
+FASTEST_TURN = 40.0
+"""rad/s, beyond what gyroscopes of phones measure."""
+
+
+@dataclass(frozen=True, slots=True)
+class StreamOptions:
+    """Options of all parts.
+
+    Attributes:
+        period: seconds of the grid to which motion sensors are resampled.
+        pause_speed: metres a second at which a walker may go on while the phone says nothing.
+    """
+
+    period: float = 0.02
+    pause_speed: float = 1.0
+    intake: IntakeOptions = field(default_factory=IntakeOptions)
+    gait: GaitOptions = field(default_factory=GaitOptions)
+    dead_reckoning: DeadReckoningOptions = field(default_factory=DeadReckoningOptions)
+
+
+class PhoneStream:
+    """Turns one phone's samples into events; owned by one thread.
+
+    Args:
+        options: of all parts.
+        start: where the walk begins, metres, x east, y north.
+        start_variance: m^2, each axis.
+        profile: what earlier walks have taught about the user.
+    """
+
+    def __init__(
+        self,
+        options: StreamOptions | None = None,
+        start: tuple[float, float] = (0.0, 0.0),
+        start_variance: float = 0.0,
+        profile: UserProfile | None = None,
+    ) -> None:
+        self.options = options or StreamOptions()
+        self.dead_reckoning = DeadReckoning(self.options.dead_reckoning, start, start_variance, profile)
+        self._reports = Reports()
+        self._clock = Clock(self.options.intake, self._reports)
+        self._jumps = 0
+        self._acceleration_unit = UnitGuard(ACCELERATION)
+        self._field_unit = UnitGuard(MAGNETIC_FIELD)
+        self._restart()
+
+    def _restart(self) -> None:
+        """All that depends on an unbroken stretch of samples begins anew."""
+        options = self.options
+        self._grid = MotionGrid(options.period)
+        self._orientation = Orientation(options.period)
+        self._gait = Gait(options.gait, options.period)
+        self._level_heading: float | None = None
+        self._last_motion: dict[Sensor, float] = {}
+        self._field = np.zeros(8)
+        self._field_count = 0
+
+    @property
+    def position(self) -> tuple[float, float]:
+        """Metres, x east, y north, with the step that is being made."""
+        x, y = self.dead_reckoning.position
+        ahead = self.dead_reckoning.turned(self._gait.under_way())
+        return x + ahead[0], y + ahead[1]
+
+    @property
+    def position_covariance(self) -> Array:
+        """(2, 2), m^2."""
+        return self.dead_reckoning.position_covariance
+
+    @property
+    def profile(self) -> UserProfile:
+        """What has been learnt about the user so far."""
+        return self.dead_reckoning.profile
+
+    @property
+    def troubles(self) -> Counter[tuple[Sensor, TroubleKind]]:
+        """How often each sensor's input was bad, and how."""
+        return self._reports.counts
+
+    def fix(self, t: float, position: tuple[float, float], covariance: Array) -> float:
+        """A position from elsewhere, metres, with its (2, 2) covariance.
+
+        Returns:
+            The squared Mahalanobis distance between the fix and what was expected.
+        """
+        return self.dead_reckoning.fix(t, position, covariance)
+
+    def push(self, sample: Sample) -> list[Event]:
+        """Take one sample; never raises for what a phone may send."""
+        events: list[Event] = []
+        if isinstance(sample, Accelerometer):
+            self._push_acceleration(sample, events)
+        elif isinstance(sample, Gyroscope):
+            self._push_rotation(sample, events)
+        elif isinstance(sample, Magnetometer):
+            self._push_field(sample)
+        events.extend(self._reports.take())
+        return events
+
+    def _push_acceleration(self, sample: Accelerometer, events: list[Event]) -> None:
+        if not self._admit_motion(sample, Sensor.ACCELEROMETER):
+            return
+        norm = math.sqrt(sample.x * sample.x + sample.y * sample.y + sample.z * sample.z)
+        factor = self._scale(sample.t, norm, self._acceleration_unit, Sensor.ACCELEROMETER)
+        if factor is not None:
+            force = (sample.x * factor, sample.y * factor, sample.z * factor)
+            for tick in self._grid.acceleration(sample.t, force):
+                self._move(*tick, events)
+
+    def _push_rotation(self, sample: Gyroscope, events: list[Event]) -> None:
+        if not self._admit_motion(sample, Sensor.GYROSCOPE):
+            return
+        if max(abs(sample.x), abs(sample.y), abs(sample.z)) > FASTEST_TURN:
+            self._reports.add(
+                sample.t, Sensor.GYROSCOPE, TroubleKind.IMPLAUSIBLE, "faster than any phone turns"
+            )
+            return
+        for tick in self._grid.rotation(sample.t, (sample.x, sample.y, sample.z)):
+            self._move(*tick, events)
+
+    def _push_field(self, sample: Magnetometer) -> None:
+        if not self._admit(sample, Sensor.MAGNETOMETER):
+            return
+        norm = math.sqrt(sample.x * sample.x + sample.y * sample.y + sample.z * sample.z)
+        factor = self._scale(sample.t, norm, self._field_unit, Sensor.MAGNETOMETER)
+        if factor is None:
+            return
+        (a, b, c), (d, e, f), _ = self._orientation.matrix
+        x, y, z = sample.x * factor, sample.y * factor, sample.z * factor
+        self._field += (a * x + b * y + c * z, d * x + e * y + f * z, a, b, c, d, e, f)
+        self._field_count += 1
+
+    def _admit(self, sample: VectorSample, sensor: Sensor) -> bool:
+        if not self._clock.admit(sample.t, sensor):
+            return False
+        if self._clock.jumps != self._jumps:
+            self._jumps = self._clock.jumps
+            self.dead_reckoning.pause(0.0, 0.0)
+            self._restart()
+        if not math.isfinite(sample.x + sample.y + sample.z):
+            self._reports.add(sample.t, sensor, TroubleKind.NOT_FINITE, "reading")
+            return False
+        return True
+
+    def _admit_motion(self, sample: VectorSample, sensor: Sensor) -> bool:
+        if not self._admit(sample, sensor):
+            return False
+        last = self._last_motion.get(sensor, sample.t)
+        if sample.t - last > self.options.intake.longest_gap:
+            self._reports.add(sample.t, sensor, TroubleKind.GAP, f"{sample.t - last:.3f} s without a sample")
+            self.dead_reckoning.pause(sample.t - last, self.options.pause_speed)
+            self._restart()
+        self._last_motion[sensor] = sample.t
+        return True
+
+    def _scale(self, t: float, norm: float, guard: UnitGuard, sensor: Sensor) -> float | None:
+        if guard.observe(norm):
+            if guard.factor is None:
+                self._reports.add(t, sensor, TroubleKind.IMPLAUSIBLE, "no known unit explains the readings")
+            elif guard.factor != 1.0:
+                self._reports.add(t, sensor, TroubleKind.UNITS, f"taken times {guard.factor:g}")
+        factor = guard.scale(norm)
+        if factor is None:
+            self._reports.add(t, sensor, TroubleKind.IMPLAUSIBLE, "beyond what can be")
+        return factor
+
+    def _move(self, t: float, force: Vector, turning: Vector, events: list[Event]) -> None:
+        """One tick of the grid: force, m/s^2, and angular velocity, rad/s, in phone axes."""
+        orientation = self._orientation
+        orientation.update(turning, force)
+        x, y, z = force
+        norm = math.sqrt(x * x + y * y + z * z)
+        vertical = orientation.vertical(force) - G
+        for pace in self._gait.update(t, norm, vertical, orientation.forward()):
+            events.append(self._step(pace))
+
+    def _step(self, pace: Pace) -> Step:
+        reckoning = self.dead_reckoning
+        if self._field_count:
+            mean = self._field / self._field_count
+            reckoning.compass((mean[0], mean[1]), mean[2:].reshape(2, 3), pace.length)
+            self._field[:] = 0.0
+            self._field_count = 0
+        before = self._level_heading
+        change = 0.0 if before is None else wrapped(pace.level_heading - before)
+        self._level_heading = pace.level_heading
+        reckoning.step(pace.t, pace.level_heading, pace.length, pace.length_variance)
+        scale, options = self.profile, self.options.dead_reckoning
+        return Step(
+            t=pace.t,
+            length=pace.length * scale.scale,
+            length_variance=pace.length_variance * scale.scale**2,
+            scale_variance=scale.variance,
+            heading_change=change,
+            heading_change_variance=options.step_heading**2 + options.gyroscope_walk**2 * pace.interval,
+            heading=reckoning.heading(pace.level_heading) if reckoning.heading_known else None,
+            heading_variance=reckoning.heading_variance,
+        )

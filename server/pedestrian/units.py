@@ -1,0 +1,72 @@
+"""Units that are off by a known factor: found by what is physically possible, put right, reported."""
+
+from __future__ import annotations
+
+import statistics
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class PhysicalRange:
+    """Between what a sensor's reading lies on Earth, and by what its unit may be off.
+
+    Attributes:
+        low, high: of the median reading, in our unit.
+        limit: no single reading is beyond this.
+        factors: to our unit, the likeliest first.
+    """
+
+    low: float
+    high: float
+    limit: float
+    factors: tuple[float, ...]
+
+
+G = 9.81
+ACCELERATION = PhysicalRange(7.0, 13.0, 250.0, (1.0, G, G / 1000.0, 1e-3, 1e3, G * 1e3, 1e6))
+"""m/s^2; from g, mg, mm/s^2, km/s^2."""
+
+MAGNETIC_FIELD = PhysicalRange(8.0, 250.0, 5000.0, (1.0, 1e-3, 1e3, 1e6, 100.0, 0.1))
+"""Microtesla; from nT, mT, T, gauss, milligauss. Inside buildings the earth's 25 to 65 may be twice that."""
+
+PRESSURE = PhysicalRange(300.0, 1100.0, 1200.0, (1.0, 0.01, 10.0, 1e3, 1e-3))
+"""hPa; from Pa, kPa, bar."""
+
+
+class UnitGuard:
+    """Decides by the median of the first readings' norms; decides anew when later ones leave the range."""
+
+    def __init__(self, range_: PhysicalRange, count: int = 25) -> None:
+        self.range = range_
+        self.factor: float | None = None
+        self._count = count
+        self._norms: list[float] = []
+        self._strays = 0
+
+    def scale(self, norm: float) -> float | None:
+        """What to multiply a reading by; ``None`` if it is of no use, or not yet."""
+        if self.factor is not None:
+            return self.factor if norm * self.factor <= self.range.limit else None
+        return 1.0 if 0.5 * self.range.low <= norm <= 2.0 * self.range.high else None
+
+    def observe(self, norm: float) -> bool:
+        """Take a reading's norm, in its own unit.
+
+        Returns:
+            Whether a decision has just been taken: ``factor`` is new, or ``None`` if no unit explains it.
+        """
+        factor, bounds = self.factor, self.range
+        if factor is not None:
+            scaled = norm * factor
+            stray = not 0.02 * bounds.low <= scaled <= bounds.limit
+            self._strays = self._strays + 1 if stray else max(0, self._strays - 1)
+            if self._strays <= self._count:
+                return False
+            self.factor, self._strays = None, 0
+        self._norms.append(norm)
+        if len(self._norms) < self._count:
+            return False
+        median = statistics.median(self._norms)
+        self._norms.clear()
+        self.factor = next((f for f in bounds.factors if bounds.low <= median * f <= bounds.high), None)
+        return True

@@ -1,0 +1,78 @@
+"""The whole stream on walkers whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from server.pedestrian.events import Event, Step
+from server.pedestrian.samples import Sample
+from server.pedestrian.stream import PhoneStream
+from tests.pedestrian.walkers import Walker
+
+
+def walk(samples: list[Sample], stream: PhoneStream | None = None) -> tuple[PhoneStream, list[Event]]:
+    stream = stream or PhoneStream()
+    return stream, [event for sample in samples for event in stream.push(sample)]
+
+
+def tilted(degrees: float) -> np.ndarray:
+    """phone_from_level of a phone whose top edge is lifted."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
+
+
+def test_a_walk_is_followed_from_its_start() -> None:
+    walker = Walker()
+    stream, events = walk(walker.samples())
+    assert sum(isinstance(e, Step) for e in events) == walker.steps
+    assert stream.position == pytest.approx((15.0, 20.0), abs=1.0)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 30.0, 60.0, 90.0])
+def test_the_direction_is_that_of_the_phone_flat_or_upright(tilt: float) -> None:
+    walker = Walker(phone_from_level=tilted(tilt))
+    stream, _ = walk(walker.samples())
+    assert stream.position == pytest.approx((15.0, 20.0), abs=1.0)
+
+
+@pytest.mark.parametrize("rate", [25.0, 50.0, 100.0, 200.0])
+def test_any_rate_gives_the_same_walk(rate: float) -> None:
+    walker = Walker(rate=rate)
+    stream, events = walk(walker.samples())
+    assert sum(isinstance(e, Step) for e in events) == walker.steps
+    assert stream.position == pytest.approx((15.0, 20.0), abs=1.0)
+
+
+def test_the_state_at_a_moment_knows_nothing_of_what_comes_after() -> None:
+    samples = Walker(noise=1.0).samples()
+    other = Walker(noise=1.0, corners=((0.0, 0.0), (0.0, 20.0), (-15.0, 20.0)), seed=1).samples()
+    half = len(samples) // 2
+    whole, stream = PhoneStream(), PhoneStream()
+    before = [event for s in samples[:half] for event in whole.push(s)]
+    position, covariance = whole.position, whole.position_covariance
+    walk(other[half:], whole)
+    again = [event for s in samples[:half] for event in stream.push(s)]
+    assert again == before
+    assert stream.position == position
+    assert np.array_equal(stream.position_covariance, covariance)
+
+
+def test_a_biased_gyroscope_does_not_bend_the_path() -> None:
+    """The bias is seen while standing and, across the vertical, while walking."""
+    walker = replace(Walker(), rest=3.0, gyroscope_bias=(0.01, -0.01, 0.02))
+    stream, _ = walk(walker.samples())
+    assert stream.position == pytest.approx((15.0, 20.0), abs=1.2)
+
+
+def test_headings_and_lengths_are_within_their_variances() -> None:
+    walker = Walker(noise=1.0)
+    _, events = walk(walker.samples())
+    steps = [e for e in events if isinstance(e, Step)]
+    first = [e for e in steps if e.heading is not None][:20]
+    assert all(abs(e.heading - np.pi / 2) < 3.0 * np.sqrt(e.heading_variance) for e in first if e.heading)
+    lengths = np.array([e.length for e in steps[2:-1]])
+    assert lengths.mean() == pytest.approx(walker.speed * walker.interval, rel=0.1)
+    assert all(e.length_variance > 0.0 and e.scale_variance > 0.0 for e in steps)
