@@ -11,6 +11,7 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from server.services.builds import BuildService
+from server.services.exports import ExportService
 from server.services.navigation import NavigationService
 from server.services.routes import RouteService
 from server.settings import Settings
@@ -19,6 +20,7 @@ from server.storage.migrations import migrate
 from server.storage.objects import FolderObjectStore
 from server.workers import build_jobs, navigation_pool
 from server.workers.build_jobs import ProcessJobQueue
+from server.workers.exports import ProcessExporter
 from server.workers.navigation_pool import NavigationPool
 
 log = structlog.get_logger()
@@ -44,6 +46,8 @@ class Components:
     pool: NavigationPool
     navigation: NavigationService
     routes: RouteService
+    exporter: ProcessExporter
+    exports: ExportService
 
     async def start(self) -> None:
         """Migrate, start the processes, and take up what an earlier run left unfinished."""
@@ -58,6 +62,7 @@ class Components:
         self.navigation.close()
         await self.jobs.close()
         await self.pool.close()
+        await self.exporter.close()
         await self.database.close()
         log.info("service.stopped")
 
@@ -84,7 +89,9 @@ def assemble(settings: Settings, entries: Entries) -> Components:
     )
     navigation = NavigationService(pool, settings.max_sessions, settings.resume_within_s, settings.max_pixels)
     routes = RouteService(database, store, jobs, navigation, clock, settings.max_video_bytes)
-    return Components(settings, database, store, builds, jobs, pool, navigation, routes)
+    exporter = ProcessExporter()
+    exports = ExportService(store, exporter)
+    return Components(settings, database, store, builds, jobs, pool, navigation, routes, exporter, exports)
 
 
 def components(connection: HTTPConnection) -> Components:

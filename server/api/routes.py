@@ -8,6 +8,7 @@ from uuid import UUID
 
 from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import StreamingResponse
+from pydantic import WithJsonSchema
 
 from server.api.auth import Caller
 from server.api.components import Parts
@@ -24,6 +25,7 @@ from server.protocol.documents import (
     RouteList,
 )
 from server.protocol.problem_codes import ProblemCode
+from server.services.exports import ExportName
 from server.services.routes import Download
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {
@@ -113,6 +115,36 @@ async def read_map(route_id: UUID, caller: Caller, unit: Unit, parts: Parts) -> 
         await parts.routes.map_file(route),
         "application/octet-stream",
         {"Content-Disposition": f'attachment; filename="{route_id}.pairnavi-map"'},
+    )
+
+
+_EXPORT_TYPES = {
+    ExportName.COLMAP: "application/zip",
+    ExportName.TUM: "text/plain",
+    ExportName.PLY: "application/octet-stream",
+}
+
+_Export = Annotated[
+    ExportName, WithJsonSchema({"type": "string", "enum": [str(name) for name in ExportName]})
+]
+
+
+@router.get(
+    "/{route_id}/export/{name}",
+    response_class=StreamingResponse,
+    responses={200: {"content": {kind: {} for kind in _EXPORT_TYPES.values()}}, **_OF_A_MAP},
+)
+async def export_map(route_id: UUID, name: _Export, caller: Caller, parts: Parts) -> StreamingResponse:
+    """The route map in a format of others. A COLMAP model, a TUM trajectory or a PLY file; lengths are in
+    metres where the route's scale is known, else in map units, and the files say which.
+    """
+    # A transaction of its own: an export takes seconds, in which others want to write.
+    async with parts.database.begin() as unit:
+        route = await parts.routes.get(unit, caller.owner, route_id)
+    return await _sent(
+        await parts.exports.export(route, name),
+        _EXPORT_TYPES[name],
+        {"Content-Disposition": f'attachment; filename="{route_id}-{name}"'},
     )
 
 

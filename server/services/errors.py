@@ -78,6 +78,12 @@ class TooManySessionsError(DomainError):
     code = "busy"
 
 
+class TooManyExportsError(DomainError):
+    """Enough exports are waiting for their turn."""
+
+    code = "busy"
+
+
 class NavigationUnavailableError(DomainError):
     """The session's process failed again and again; the session cannot go on."""
 

@@ -13,9 +13,9 @@ from server.mapping.exchange.colours import coloured, coloured_by_height
 from server.mapping.exchange.units import export_scale, unit_in_words
 from server.mapping.route_map import RouteMap
 
-_COLOUR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
-_VERTEX = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), *_COLOUR])
-_EDGE = np.dtype([("vertex1", "<i4"), ("vertex2", "<i4"), *_COLOUR])
+_COLOUR = ("red", "green", "blue")
+_VERTEX = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), *((name, "u1") for name in _COLOUR)])
+_EDGE = np.dtype([("vertex1", "<i4"), ("vertex2", "<i4")])
 _TYPE_NAMES = {"<f4": "float", "<i4": "int", "|u1": "uchar"}
 
 
@@ -27,13 +27,13 @@ def ply_file(route_map: RouteMap) -> bytes:
     times = coloured(path.time, float(path.time[0]), float(path.time[-1]))
     vertices = np.zeros(landmarks + len(path), _VERTEX)
     positions = scale * np.concatenate([route_map.landmarks.position, path.position])
-    _fill(vertices, np.concatenate([coloured_by_height(route_map.landmarks.position), times]))
-    for axis, name in enumerate("xyz"):
-        vertices[name] = positions[:, axis]
+    colours = np.concatenate([coloured_by_height(route_map.landmarks.position), times])
+    for column in range(3):
+        vertices["xyz"[column]] = positions[:, column]
+        vertices[_COLOUR[column]] = colours[:, column]
     edges = np.zeros(len(path) - 1, _EDGE)
     edges["vertex1"] = landmarks + np.arange(len(path) - 1)
     edges["vertex2"] = edges["vertex1"] + 1
-    _fill(edges, times[1:])
     header = "\n".join(
         [
             "ply",
@@ -46,11 +46,6 @@ def ply_file(route_map: RouteMap) -> bytes:
         ]
     )
     return header.encode("ascii") + vertices.tobytes() + edges.tobytes()
-
-
-def _fill(rows: NDArray[np.void], colours: NDArray[np.uint8]) -> None:
-    for channel, name in enumerate(("red", "green", "blue")):
-        rows[name] = colours[:, channel]
 
 
 def _declared(name: str, rows: NDArray[np.void]) -> list[str]:
