@@ -6,6 +6,7 @@ import asyncio
 from typing import Any
 
 from uvicorn import Config
+from uvicorn._types import ASGISendEvent
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
@@ -61,11 +62,18 @@ class ImpatientHttpProtocol(H11Protocol):
 
 
 class FrugalWebSocketProtocol(WebSocketsSansIOProtocol):
-    """A WebSocket whose pings are not answered while earlier answers are not read.
+    """A WebSocket for clients that do not read.
 
-    RFC 6455, section 5.5.3, lets an endpoint answer the latest ping only. Answered one and all, the pings
-    of a client that does not read would fill the memory.
+    Their pings are not answered until they have read earlier answers: one and all, the pongs would fill the
+    memory, and RFC 6455, section 5.5.3, lets an endpoint answer the latest ping only. A close is written at
+    once, however much is unread before it: it is a few bytes, the last ones, and tells them why.
     """
+
+    async def send(self, message: ASGISendEvent) -> None:
+        """Called by the app."""
+        if message["type"] == "websocket.close":
+            self.writable.set()
+        await super().send(message)
 
     def handle_ping(self) -> None:
         """Called for every ping, whose pong the library has prepared."""
