@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
 
-from server.api import health, navigate, openapi, problems, routes, uploads
+from server.api import health, navigate, openapi, problems, quality, routes, uploads
 from server.api.body_limit import BodyLimit
 from server.api.components import Entries, assemble
 from server.api.host_check import HostCheck
@@ -48,7 +48,7 @@ def create_app(settings: Settings | None = None, entries: Entries | None = None)
     # Added last, asked first.
     app.add_middleware(HostCheck, names=chosen.host_names)
     problems.install(app)
-    for module in (health, routes, uploads, navigate):
+    for module in (health, routes, quality, uploads, navigate):
         app.include_router(module.router)
     openapi.install(app)
     return app

@@ -51,7 +51,9 @@ class BuildOutcome:
         failure: reason code, None when there is a map.
         detail: a sentence for the leader.
         map_file, path_file: in the order's folder; set exactly when there is no failure.
-        report, map_summary: JSON, as :mod:`server.protocol.documents` has them.
+        report, map_summary: JSON, as :mod:`server.protocol.documents` has them; the report of a walk that
+            was judged has a ``quality`` besides.
+        quality_files: the quality report's pictures, in the order's folder.
     """
 
     failure: str | None
@@ -60,6 +62,7 @@ class BuildOutcome:
     path_file: Path | None = None
     report: Mapping[str, Any] | None = None
     map_summary: Mapping[str, Any] = field(default_factory=dict)
+    quality_files: tuple[Path, ...] = ()
 
 
 class JobQueue(Protocol):

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
-from uuid import UUID
+from typing import Any
+from uuid import UUID, uuid4
 
 import structlog
 
 from server.queues.jobs import BuildJob, BuildOrder, BuildOutcome, JobProgress, JobQueue
 from server.storage.database import Database
-from server.storage.objects import ObjectMissingError, ObjectStore
-from server.storage.records import UNFINISHED, RouteState
+from server.storage.objects import NoRoomError, ObjectMissingError, ObjectStore
+from server.storage.records import UNFINISHED, RouteState, quality_objects
 
 log = structlog.get_logger()
 
@@ -108,6 +109,7 @@ class BuildService:
         map_key, path_key = f"{prefix}/map-{order.attempt}", f"{prefix}/path-{order.attempt}.json"
         map_bytes = await self._store.put_file(map_key, outcome.map_file)
         await self._store.put_file(path_key, outcome.path_file)
+        report = await self._with_pictures(order, outcome)
         async with self._database.begin() as unit:
             route = await unit.builds.change(
                 order.route_id,
@@ -118,25 +120,44 @@ class BuildService:
                 build_fraction=1.0,
                 map_key=map_key,
                 path_key=path_key,
-                report=outcome.report,
+                report=report,
                 map_summary={**outcome.map_summary, "bytes": map_bytes},
             )
         if route is None:
-            await self._store.delete([map_key, path_key])
+            await self._store.delete([map_key, path_key, *quality_objects(report).values()])
         log.info("build.ready", route=str(order.route_id), kept=route is not None, map_bytes=map_bytes)
 
     async def _finish_failed(self, order: BuildOrder, outcome: BuildOutcome) -> None:
+        report = await self._with_pictures(order, outcome)
         async with self._database.begin() as unit:
-            await unit.builds.change(
+            route = await unit.builds.change(
                 order.route_id,
                 (RouteState.BUILDING,),
                 self._clock(),
                 state=RouteState.FAILED,
                 failure_reason=outcome.failure,
                 failure_detail=outcome.detail,
-                report=outcome.report,
+                report=report,
             )
+        if route is None:
+            await self._store.delete(list(quality_objects(report).values()))
         log.warning("build.failed", route=str(order.route_id), reason=outcome.failure, detail=outcome.detail)
+
+    async def _with_pictures(self, order: BuildOrder, outcome: BuildOutcome) -> Mapping[str, Any] | None:
+        """The outcome's report with the keys of its pictures, which are put into the store."""
+        if outcome.report is None or not outcome.quality_files:
+            return outcome.report
+        objects: dict[str, str] = {}
+        # Attempts are counted anew for every upload: a key must never be one that is being deleted.
+        prefix = f"routes/{order.route_id}/quality-{uuid4().hex}"
+        try:
+            for path in outcome.quality_files:
+                await self._store.put_file(f"{prefix}-{path.name}", path)
+                objects[path.name] = f"{prefix}-{path.name}"
+        except (OSError, NoRoomError):
+            # A report without some of its pictures is better than a route without its map or its reason.
+            log.exception("build.pictures_not_stored", route=str(order.route_id))
+        return {**outcome.report, "quality_objects": objects}
 
     async def abandon(self, order: BuildOrder) -> None:
         """See :meth:`server.queues.jobs.BuildLedger.abandon`."""

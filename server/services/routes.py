@@ -25,7 +25,7 @@ from server.services.errors import (
 )
 from server.storage.database import Database, UnitOfWork
 from server.storage.objects import NoRoomError, ObjectMissingError, ObjectStore, ObjectTooLargeError
-from server.storage.records import ACCEPTS_UPLOADS, RouteRecord, RouteState
+from server.storage.records import ACCEPTS_UPLOADS, RouteRecord, RouteState, quality_objects
 
 log = structlog.get_logger()
 
@@ -197,9 +197,11 @@ class RouteService:
         if route is None:
             _check_accepts_uploads(await self.get(unit, owner, route_id))
             raise RouteStateError("the route changed meanwhile; look again")
+        replaced = list(quality_objects(before.report).values()) if route.report is None else []
         if before.video_key is not None and before.video_key != route.video_key:
-            replaced = before.video_key
-            unit.after_commit(lambda: self._store.delete([replaced]))
+            replaced.append(before.video_key)
+        if replaced:
+            unit.after_commit(lambda: self._store.delete(replaced))
         log.info("route.uploaded", route=str(route_id), state=route.state, parts=sorted(values))
         return route
 

@@ -31,6 +31,11 @@ UNFINISHED = (RouteState.UPLOADED, RouteState.BUILDING)
 """States a build is owed to."""
 
 
+def quality_objects(report: Mapping[str, Any] | None) -> Mapping[str, str]:
+    """Keys in the object store of a build report's pictures, by the names of their files."""
+    return dict((report or {}).get("quality_objects") or {})
+
+
 @dataclass(frozen=True, slots=True)
 class RouteRecord:
     """A route.
@@ -40,7 +45,8 @@ class RouteRecord:
         camera: the leader's camera as JSON.
         video_key, map_key, path_key: in the object store.
         build_attempt: number of builds begun for what is uploaded now.
-        report, map_summary: JSON of the finished build.
+        report, map_summary: JSON of the finished build. The report holds the walk's ``quality`` where it
+            was judged, and in ``quality_objects`` where its pictures lie.
     """
 
     id: UUID

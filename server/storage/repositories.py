@@ -11,7 +11,7 @@ from uuid import UUID
 from sqlalchemy import delete, select, tuple_, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from server.storage.records import UNFINISHED, RouteRecord, RouteState
+from server.storage.records import UNFINISHED, RouteRecord, RouteState, quality_objects
 from server.storage.tables import RouteRow
 
 _FIELDS = tuple(f.name for f in fields(RouteRecord))
@@ -126,7 +126,10 @@ class BuildRecords:
         """Keys of all objects that a route refers to."""
         columns = (RouteRow.video_key, RouteRow.map_key, RouteRow.path_key)
         rows = await self._session.execute(select(*columns))
-        return {key for row in rows for key in row if key is not None}
+        keys = {key for row in rows for key in row if key is not None}
+        for report in await self._session.scalars(select(RouteRow.report)):
+            keys.update(quality_objects(report).values())
+        return keys
 
     async def change(
         self, route_id: UUID, among: Sequence[RouteState], now: datetime, **values: Any

@@ -6,10 +6,14 @@ import json
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
+
+import structlog
 
 from server.geometry.cameras import Camera
 from server.mapping.outcome import BuildProgress, BuildReport, BuildResult
+from server.mapping.quality import QualityReport
 from server.mapping.route_map import RouteMap
 from server.queues.jobs import BuildOrder, BuildOutcome, JobProgress
 from server.storage.objects import STORAGE_FULL
@@ -67,8 +71,11 @@ def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> Buil
         report_progress,
     )
     report = report_document(result.report, time.monotonic() - begun)
+    files: tuple[Path, ...] = ()
+    if result.quality is not None:
+        report["quality"], files = _quality(result.quality, order.folder / "quality")
     if result.route_map is None:
-        return BuildOutcome(str(result.status), result.detail, report=report)
+        return BuildOutcome(str(result.status), result.detail, report=report, quality_files=files)
     route_map = result.route_map
     map_file, path_file = order.folder / "map", order.folder / "path.json"
     save_route_map(route_map, map_file)
@@ -80,7 +87,23 @@ def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> Buil
         path_file=path_file,
         report=report,
         map_summary=summary_document(route_map),
+        quality_files=files,
     )
+
+
+def _quality(quality: QualityReport, folder: Path) -> tuple[dict[str, Any], tuple[Path, ...]]:
+    """The report's JSON and the files of its pictures."""
+    from server.mapping.quality_files import quality_document, write_quality_report
+
+    try:
+        written = write_quality_report(quality, folder)
+    except OSError:
+        # The words are what counts; a disk that is full must not cost them.
+        structlog.get_logger().exception("build.pictures_not_written")
+        return quality_document(quality), ()
+    thumbnails = [path for path in written.thumbnails if path is not None]
+    document: dict[str, Any] = json.loads(written.report.read_text(encoding="utf-8"))
+    return document, (written.picture, *thumbnails)
 
 
 def report_document(report: BuildReport, build_seconds: float) -> dict[str, Any]:

@@ -32,7 +32,10 @@ JPEG = b"\xff\xd8"
 
 
 def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> BuildOutcome:
-    """``good``, ``bad``, ``die``, ``raise``, or ``slow`` until a file named ``go`` appears."""
+    """``good``, ``bad``, ``weak``, ``blur``, ``die``, ``raise``, or ``slow`` until it is given up.
+
+    A ``weak`` walk gives a map and a ``blur`` none, both with a quality report.
+    """
     command = order.video.read_bytes()[:4]
     on_progress(JobProgress("tracking", 0.25))
     report = {
@@ -53,6 +56,11 @@ def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> Buil
             time.sleep(0.05)
     if command == b"bad!":
         return BuildOutcome("no_texture", "the walls are bare", report=report)
+    pictures: tuple[Path, ...] = ()
+    if command in (b"weak", b"blur"):
+        pictures = _quality(order, report)
+    if command == b"blur":
+        return BuildOutcome("tracking_lost", "nothing is sharp", report=report, quality_files=pictures)
     map_file, path_file = order.folder / "map", order.folder / "path.json"
     map_file.write_bytes(b"MAP" + order.video.read_bytes()[:64])
     path_file.write_text(
@@ -77,7 +85,44 @@ def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> Buil
         "turns": 0,
     }
     on_progress(JobProgress("finishing", 1.0))
-    return BuildOutcome(None, map_file=map_file, path_file=path_file, report=report, map_summary=summary)
+    return BuildOutcome(
+        None,
+        map_file=map_file,
+        path_file=path_file,
+        report=report,
+        map_summary=summary,
+        quality_files=pictures,
+    )
+
+
+def _quality(order: BuildOrder, report: dict[str, Any]) -> tuple[Path, ...]:
+    """Add a quality report of two weak stretches, one with a thumbnail; returns its pictures' files."""
+    stretches = [
+        {
+            "start_s": 0.1 * k,
+            "end_s": 0.1 * k + 0.1,
+            "reason": reason,
+            "severity": 1.0,
+            "detail": "It is so: do otherwise.",
+            "thumbnail": thumbnail,
+        }
+        for k, (reason, thumbnail) in enumerate([("blurred", None), ("too_dark", "stretch-2.jpg")])
+    ]
+    report["quality"] = {
+        "score": 30,
+        "record_again": True,
+        "verdict": "Record the walk again.",
+        "coverage": 0.4,
+        "video_s": 0.3,
+        "stretches": stretches,
+        "notes": [],
+        "landmarks": [9],
+        "picture": "report.png",
+    }
+    files = order.folder / "report.png", order.folder / "stretch-2.jpg"
+    for path in files:
+        path.write_bytes(path.name.encode())
+    return files
 
 
 class StubSession:
