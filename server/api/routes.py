@@ -8,7 +8,6 @@ from uuid import UUID
 
 from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import StreamingResponse
-from pydantic import WithJsonSchema
 
 from server.api.auth import Caller
 from server.api.components import Parts
@@ -118,15 +117,11 @@ async def read_map(route_id: UUID, caller: Caller, unit: Unit, parts: Parts) -> 
     )
 
 
-_EXPORT_TYPES = {
-    ExportName.COLMAP: "application/zip",
-    ExportName.TUM: "text/plain",
-    ExportName.PLY: "application/octet-stream",
+_EXPORT_TYPES: dict[ExportName, str] = {
+    "colmap.zip": "application/zip",
+    "trajectory.tum": "text/plain",
+    "map.ply": "application/octet-stream",
 }
-
-_Export = Annotated[
-    ExportName, WithJsonSchema({"type": "string", "enum": [str(name) for name in ExportName]})
-]
 
 
 @router.get(
@@ -134,7 +129,7 @@ _Export = Annotated[
     response_class=StreamingResponse,
     responses={200: {"content": {kind: {} for kind in _EXPORT_TYPES.values()}}, **_OF_A_MAP},
 )
-async def export_map(route_id: UUID, name: _Export, caller: Caller, parts: Parts) -> StreamingResponse:
+async def export_map(route_id: UUID, name: ExportName, caller: Caller, parts: Parts) -> StreamingResponse:
     """The route map in a format of others. A COLMAP model, a TUM trajectory or a PLY file; lengths are in
     metres where the route's scale is known, else in map units, and the files say which.
     """

@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import AsyncIterator
-from enum import StrEnum
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO, Literal, Protocol
 
 import structlog
 
@@ -21,12 +20,8 @@ log = structlog.get_logger()
 _CHUNK = 1 << 20
 
 
-class ExportName(StrEnum):
-    """What a map is exported as; the end of the name is that of the file."""
-
-    COLMAP = "colmap.zip"
-    TUM = "trajectory.tum"
-    PLY = "map.ply"
+ExportName = Literal["colmap.zip", "trajectory.tum", "map.ply"]
+"""What a map is exported as, and the end of the file's name."""
 
 
 class MapExporter(Protocol):

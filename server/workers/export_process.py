@@ -53,11 +53,11 @@ def export(order: ExportOrder) -> ExportDone | ExportRefused:
     except FileNotFoundError:
         return ExportRefused("its file is gone")
     file = order.folder / order.name
-    if order.name is ExportName.COLMAP:
+    if order.name == "colmap.zip":
         model = order.folder / "model"
         write_colmap(route_map, model)
         _zip(model, file)
-    elif order.name is ExportName.TUM:
+    elif order.name == "trajectory.tum":
         file.write_text(tum_trajectory(route_map), encoding="utf-8")
     else:
         file.write_bytes(ply_file(route_map))
