@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import sys
+import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -116,15 +117,28 @@ def _set_stage(options: DemoOptions, folder: Path) -> _Stage:
 
 async def _lead(console: Console, service: ServiceClient, stage: _Stage) -> tuple[RouteDocument, Walk]:
     """The leader's route, and the follower's walk, which is filmed while the map is built."""
+    over = threading.Event()
+
+    def unless_over(report: BarReport) -> BarReport:
+        def checked(fraction: float, now: str | None = None) -> None:
+            # A thread cannot be cancelled: it ends at its next picture.
+            if over.is_set():
+                raise InterruptedError("the demo is over")
+            report(fraction, now)
+
+        return checked
+
     with Bars(console) as bars:
-        leader = await asyncio.to_thread(stage.leader, bars.bar("Filming the leader's walk"))
+        filming = [unless_over(bars.bar(f"Filming the {who}'s walk")) for who in ("leader", "follower")]
         try:
+            leader = await asyncio.to_thread(stage.leader, filming[0])
             async with asyncio.TaskGroup() as tasks:
-                report = bars.bar("Filming the follower's walk")
-                follower = tasks.create_task(asyncio.to_thread(stage.follower, report))
+                follower = tasks.create_task(asyncio.to_thread(stage.follower, filming[1]))
                 route = tasks.create_task(lead_with_bars(bars, service, leader, stage.names))
         except ExceptionGroup as failures:
             raise failures.exceptions[0] from None
+        finally:
+            over.set()
     tell_map(console, route.result())
     return route.result(), follower.result()
 

@@ -32,8 +32,8 @@ _FLAT = 0.55
 def telling_pictures(records: Sequence[FrameRecord], most: int = 5) -> list[FrameRecord]:
     """At most so many answered pictures that tell the walk's story, in its order.
 
-    The beginning, the sharpest turns to each side, the middle of the longest stretch of refusals and
-    what came after it, the end.
+    The beginning, the end, the middle of the longest stretch of refusals, a turn to each side, what came
+    after the refusals, and whatever lies between.
     """
     answered = [r for r in records if r.update is not None]
     guided = [r for r in answered if r.update is not None and r.update.guidance is not None]
@@ -50,6 +50,7 @@ def telling_pictures(records: Sequence[FrameRecord], most: int = 5) -> list[Fram
             chosen.append(turning[len(turning) // 2])
     if blind:
         chosen += [r for r in fixed if r.video_time > blind[-1].video_time + 0.3][:1]
+    chosen += fixed[len(fixed) // 4 :: max(1, len(fixed) // 4)]
     unique = list(dict.fromkeys(r.sequence for r in chosen))[:most]
     return [r for r in answered if r.sequence in unique]
 

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from client_sim.errors import RouteFailedError
+from client_sim.errors import RouteFailedError, WalkError
 from client_sim.service import ByteListener, ServiceClient
 from client_sim.walk import Walk
 from server.protocol.documents import CreateRoute, RouteDocument
@@ -42,6 +42,7 @@ async def lead(
     Raises:
         RouteFailedError: the map could not be built.
         ServiceRefusedError, ServiceUnreachableError: as :class:`ServiceClient`.
+        WalkError: the walk's camera is unknown, and the service does without none.
     """
     route = await service.create(
         CreateRoute(
@@ -51,8 +52,11 @@ async def lead(
             measured_length_m=options.measured_length_m,
         )
     )
-    await service.put_camera(route.id, walk.camera)
-    await service.put_video(route.id, walk.video, on_bytes)
+    if walk.camera is not None:
+        await service.put_camera(route.id, walk.camera)
+    uploaded = await service.put_video(route.id, walk.video, on_bytes)
+    if walk.camera is None and uploaded.state == "created":
+        raise WalkError(f"{walk.video}: the service needs its camera: give the JSON file that describes it")
     return await wait_until_ready(service, route.id, options.poll_s, on_build)
 
 

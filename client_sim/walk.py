@@ -40,13 +40,13 @@ class Walk:
     """A walk to be replayed.
 
     Attributes:
-        camera: of the video's pictures.
+        camera: of the video's pictures; None if nobody knows it.
         sensors: ``sensors.jsonl``, None if nothing but the video was recorded.
     """
 
     name: str
     video: Path
-    camera: CameraDescription
+    camera: CameraDescription | None
     sensors: Path | None = None
 
     @staticmethod
@@ -63,14 +63,16 @@ class Walk:
         return Walk(walk.name, walk.video, walk.camera, sensors if sensors.is_file() else None)
 
     @staticmethod
-    def from_files(video: Path, camera: Path, name: str | None = None) -> Walk:
-        """A video and the JSON file of its camera.
+    def from_files(video: Path, camera: Path | None, name: str | None = None) -> Walk:
+        """A video and, where there is one, the JSON file of its camera.
 
         Raises:
             WalkError: a file is missing or not understood.
         """
         if not video.is_file():
             raise WalkError(f"{video}: no such file")
+        if camera is None:
+            return Walk(name or video.stem, video, None)
         try:
             description = CameraDescription.model_validate_json(camera.read_text(encoding="utf-8"))
         except OSError as error:
@@ -105,14 +107,17 @@ class Walk:
             if due is None or time >= due - slack:
                 read, image = capture.retrieve()
                 if read:
-                    if image.shape[:2] != (self.camera.height, self.camera.width):
-                        raise WalkError(
-                            f"{self.video} shows {image.shape[1]}x{image.shape[0]}, "
-                            f"its camera is {self.camera.width}x{self.camera.height}"
-                        )
+                    self._check_size(image.shape[1], image.shape[0])
                     yield VideoFrame(index, time, np.asarray(image, dtype=np.uint8))
                     due = time + 1.0 / rate if due is None else max(due, time - 1.0 / rate) + 1.0 / rate
             index += 1
+
+    def _check_size(self, width: int, height: int) -> None:
+        camera = self.camera
+        if camera is not None and (width, height) != (camera.width, camera.height):
+            raise WalkError(
+                f"{self.video} shows {width}x{height}, its camera is {camera.width}x{camera.height}"
+            )
 
     def readings(self) -> Iterator[dict[str, Any]]:
         """Sensor readings in the order of their times, as they are in ``sensors.jsonl``.

@@ -169,26 +169,30 @@ def sim_record(context: typer.Context) -> None:
 @app.command()
 def demo(
     leader: Annotated[Path | None, typer.Option(help="The leader's video.")] = None,
-    leader_camera: Annotated[Path | None, typer.Option(help="JSON of its camera.")] = None,
+    leader_camera: Annotated[Path | None, typer.Option(help="JSON of its camera, if known.")] = None,
     follower: Annotated[Path | None, typer.Option(help="The follower's video.")] = None,
-    follower_camera: Annotated[Path | None, typer.Option(help="JSON of its camera.")] = None,
+    follower_camera: Annotated[Path | None, typer.Option(help="JSON of its camera, if known.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for the picture and the service's log.")] = Path("out"),
     record: Annotated[Path | None, typer.Option(help="Write the updates there, JSON lines.")] = None,
     speed: Annotated[float, typer.Option(help="Of the follower's walk, 1 is true speed.", min=0.01)] = 1.0,
 ) -> None:
-    """Show the whole way: a service, a leader's walk, its map, a follower guided on it."""
+    """Show the whole way: a service, a leader's walk, its map, a follower guided on it.
+
+    Without videos both walks are filmed in the synthetic office; the follower's lens is covered once.
+    """
     from rich.console import Console
 
     from client_sim.demo import DemoOptions, run_demo
     from client_sim.walk import Walk
 
-    files = (leader, leader_camera, follower, follower_camera)
-    if any(files) and not all(files):
-        _fail("give --leader, --leader-camera, --follower and --follower-camera together, or none of them")
+    if (leader is None) is not (follower is None):
+        _fail("give --leader and --follower together, or none of them")
+    if leader is None and (leader_camera or follower_camera):
+        _fail("a camera is that of a video: give --leader and --follower too")
 
     async def run() -> bool:
         lead_walk = follow_walk = None
-        if leader and leader_camera and follower and follower_camera:
+        if leader is not None and follower is not None:
             lead_walk = Walk.from_files(leader, leader_camera)
             follow_walk = Walk.from_files(follower, follower_camera)
         options = DemoOptions(

@@ -37,6 +37,8 @@ def test_help_lists_the_commands_and_is_quick() -> None:
         (["sim", "leader", "WALK", "--server", "http://127.0.0.1:9"], "http://127.0.0.1:9"),
         (["sim", "follower", "WALK", "--route", "x", "--server", "http://127.0.0.1:9"], "ws://127.0.0.1:9"),
         (["demo", "--leader", "a.mp4"], "together"),
+        (["demo", "--leader-camera", "a.json"], "give --leader and --follower too"),
+        (["demo", "--leader", "a.mp4", "--follower", "b.mp4"], "a.mp4: no such file"),
     ],
 )
 def test_what_cannot_work_is_one_line_and_exit_code_1(

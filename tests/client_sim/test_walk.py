@@ -54,6 +54,13 @@ def test_a_video_that_is_none_or_of_another_camera_is_refused(tmp_path: Path) ->
         list(Walk.from_folder(folder).frames())
 
 
+def test_a_video_may_be_of_an_unknown_camera(tmp_path: Path) -> None:
+    folder = write_walk(tmp_path / "walk", frames=3, fps=10)
+    walk = Walk.from_files(folder / "video.mp4", None)
+    assert (walk.camera, walk.name) == (None, "video")
+    assert [frame.image.shape for frame in walk.frames()] == [(48, 64, 3)] * 3
+
+
 def test_sensor_readings_are_read_in_order(tmp_path: Path) -> None:
     folder = write_walk(tmp_path / "walk", frames=1, fps=10)
     assert list(Walk.from_folder(folder).readings()) == []
