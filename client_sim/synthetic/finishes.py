@@ -69,6 +69,18 @@ def stone(rng: np.random.Generator, colour: Colour, side: float = 0.6) -> tuple[
     return tiles(rng, size, size, round(side * FLOOR_PIXELS), colour), (8 * side, 8 * side)
 
 
+def terrazzo(rng: np.random.Generator, height: int, width: int, colour: Colour) -> Texture:
+    """Chips of stone in cement, polished."""
+    picture = (np.asarray(colour) + 3.0 * rng.normal(size=(height, width, 1))).clip(0, 255).astype(np.uint8)
+    for _ in range(height * width // 90):
+        middle = (int(rng.integers(0, width)), int(rng.integers(0, height)))
+        tone = float(rng.choice([0.62, 0.75, 1.2, 1.35]) * rng.uniform(0.9, 1.1))
+        chip = tuple(float(min(255.0, c * tone)) for c in colour)
+        axes = (int(rng.integers(1, 4)), int(rng.integers(1, 3)))
+        cv2.ellipse(picture, middle, axes, float(rng.uniform(0, 180)), 0, 360, chip, -1, cv2.LINE_AA)
+    return picture
+
+
 def acoustic(rng: np.random.Generator) -> tuple[Texture, tuple[float, float]]:
     """A suspended ceiling of perforated panels, with a grille or a smoke detector now and then."""
     side, count = round(0.6 * 90), 10

@@ -1,7 +1,7 @@
 """An office building on two storeys: what stands where, and the ways through it.
 
 The ground floor has a lobby, an open office, a meeting room and four corridors around them; one of them
-has a bare wall from end to end. A staircase leads up to corridors that look like those below at a
+has a bare wall of ten metres. A staircase leads up to corridors that look like those below at a
 glance: the same doors in the same places, some of the same posters, other numbers. North is +y.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from client_sim.synthetic import catalogue, prints
 from client_sim.synthetic.catalogue import Piece, Place
-from client_sim.synthetic.finishes import carpet, materials, stone
+from client_sim.synthetic.finishes import carpet, materials, stone, terrazzo
 from client_sim.synthetic.lamps import Lamp, lit
 from client_sim.synthetic.spaces import SIDES, Materials, Space, ceiling_lamps, closed_door, doorway
 from client_sim.synthetic.stairs import Staircase, StairMaterials
@@ -306,6 +306,7 @@ def _hang_ground_floor(spaces: dict[str, Space], seed: int) -> None:
     picture(lobby, "south", 2.6, 2, (0.42, 0.6))
     rows = (("up", "OFFICE  STAIRS"), ("up", "MEETING ROOM"))
     lobby.hang("east", 4.4, 1.7, (1.2, 0.42), prints.direction_sign(rows, 126, 360))
+    meeting_room = (("right", "MEETING ROOM"), ("left", "STORE"))
     for at in (11.0, 13.5, 16.0):
         window(office, "north", at)
     office.hang("west", 13.2, 1.5, (1.9, 1.1), prints.whiteboard(_rng(seed, 10), 240, 420))
@@ -313,13 +314,15 @@ def _hang_ground_floor(spaces: dict[str, Space], seed: int) -> None:
     picture(office, "south", 15.2, 1, (0.6, 0.85))
     office.hang("south", 13.6, 1.5, (1.2, 0.9), prints.board(_rng(seed, 11), 230, 310))
     picture(office, "east", 15.4, 2, (0.42, 0.6))
-    # The south wall of this corridor stays bare from end to end.
+    # Opposite the office's door: where to go, and where to flee. The rest of this wall, 10 m, stays bare.
+    c.hang("south", 11.3, 1.8, (1.0, 0.34), prints.direction_sign(meeting_room, 100, 300))
+    picture(c, "south", 11.6, 2, (0.42, 0.6), 1.25)
     picture(c, "north", 9.7, 1, (0.6, 0.85))
     picture(c, "north", 6.7, 2, (0.42, 0.6))
     c.hang("north", 10.5, 1.15, (0.09, 0.09), prints.switch(30, 30))
-    c.hang("west", 8.3, 1.75, (1.1, 0.22), prints.direction_sign((("right", "MEETING ROOM"),), 70, 340))
+    c.hang("west", 8.3, 1.75, (1.1, 0.22), prints.direction_sign(meeting_room[:1], 70, 340))
     picture(c, "west", 8.3, 0, (0.9, 0.6), 1.2)
-    for at in (11.2, 14.0):
+    for at in (10.4, 13.6):
         window(d, "west", at, (1.4, 1.4))
     d.hang("north", 2.0, 1.45, (1.2, 0.9), prints.board(_rng(seed, 12), 230, 310))
     picture(d, "east", 12.9, 1, (0.6, 0.85))
@@ -337,8 +340,11 @@ def _hang_stairs(spaces: dict[str, Space], seed: int) -> None:
     well = spaces["stairwell"]
     view = prints.window(_rng(seed, 14), 300, 260)
     half = RISE / 2
-    well.hang("south", 11.9, half + 1.7, (1.2, 1.4), view, light=1.2)
+    well.hang("south", 11.75, half + 1.8, (1.1, 1.2), view, light=1.2)
+    well.hang("south", 11.75, half + 0.55, (1.0, 0.5), prints.radiator(_rng(seed, 6), 80, 160), depth=0.07)
+    well.hang("south", 12.6, half + 1.45, (0.3, 0.42), _poster(_rng(seed, 21), 2, 130, 90))
     well.hang("south", 13.1, half + 1.5, (0.42, 0.6), _poster(_rng(seed, 15), 1, 180, 130))
+    well.hang("east", -3.0, half + 1.0, (0.42, 0.3), _poster(_rng(seed, 22), 0, 90, 130))
     number = prints.numeral("0/1", 120, 180, prints.WHITE, (120, 90, 60))
     well.hang("east", -3.2, half + 1.6, (0.6, 0.4), number)
     well.hang("west", -1.2, 2.3, (0.85, 0.6), _poster(_rng(seed, 16), 0, 170, 240))
@@ -350,12 +356,14 @@ def _hang_stairs(spaces: dict[str, Space], seed: int) -> None:
 
 def _stair_materials(seed: int) -> StairMaterials:
     rng = _rng(seed, 20)
-    tread = plaster(rng, 50, 210, (126, 132, 136))
+    tread = terrazzo(rng, 56, 240, (126, 132, 136))
     tread[-9:] = (52, 56, 60)  # the nosing's rubber strip
     tread[-7:-2:2] = 90
     riser = plaster(rng, 30, 210, (150, 156, 160))
+    landing = terrazzo(rng, 240, 420, (126, 132, 136))
     return StairMaterials(
         tread,
+        landing,
         riser,
         plaster(rng, 160, 400, (188, 194, 198)),
         plaster(rng, 100, 300, (170, 175, 178)),

@@ -23,9 +23,10 @@ SLAB_M = 0.2
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StairMaterials:
-    """Textures: what is stepped on, what rises, parapets, undersides."""
+    """Textures: steps, landings, what rises, parapets, undersides, handrails."""
 
     tread: Texture
+    landing: Texture
     riser: Texture
     parapet: Texture
     under: Texture
@@ -134,10 +135,10 @@ class Staircase:
                     materials.tread,
                 )
         wide, far = self.width, self.length
-        add((far, wide, half), (0, -wide, 0), (x1 - far, 0, 0), materials.tread)
+        add((far, wide, half), (0, -wide, 0), (x1 - far, 0, 0), materials.landing)
         add((x1, wide, half - SLAB_M), (0, -wide, 0), (far - x1, 0, 0), materials.under, 0.6)
         add((x1, wide, half), (0, -(wide - a1), 0), (0, 0, -SLAB_M), materials.under, 0.7)
-        add((x0, wide, self.rise), (0, -wide, 0), (-x0, 0, 0), materials.tread)
+        add((x0, wide, self.rise), (0, -wide, 0), (-x0, 0, 0), materials.landing)
         add((0, wide, self.rise - SLAB_M), (0, -wide, 0), (x0, 0, 0), materials.under, 0.6)
         found.extend(self._flight_under(materials, lamps))
         found.extend(self._parapets(materials, lamps))
@@ -171,7 +172,8 @@ class Staircase:
         deep, edge = half + high + SLAB_M, SLAB_M + 0.1
         middle = (a1 + b0) / 2
         thick, top = middle - a1, self.rise + high
-        lip = x0 - 0.06
+        lip, grip = x0 - 0.06, 0.06
+        wall = self.width - grip
         pieces = [
             # Along the first flight, closed down to the ground: both faces, the top, the lower end.
             self._quad((x0, a1, high), up, (0, 0, -deep), texture),
@@ -182,6 +184,11 @@ class Staircase:
             self._quad((x0, middle, top), fall, (0, 0, -high - edge), texture),
             self._quad((x1, b0, half + high), climb, (0, 0, -high - edge), texture),
             self._quad((x0, b0, top), fall, (0, -thick, 0), rail),
+            # Handrails on the walls of the well: front and top.
+            self._quad((x1, grip, half + high), down, (0, 0, -0.06), rail),
+            self._quad((x0, grip, high), up, (0, -grip, 0), rail),
+            self._quad((x0, wall, top), fall, (0, 0, -0.06), rail),
+            self._quad((x0, self.width, top), fall, (0, -grip, 0), rail),
             # Both ends on the landing.
             self._quad((x1, a1, half + high), (0, b0 - a1, 0), (0, 0, -high), texture),
             # Before the edge of the upper landing.
