@@ -303,6 +303,7 @@ async def test_a_client_that_reads_late_learns_why_it_was_left(data: Path) -> No
                     await asyncio.sleep(0.02)
             flooding.cancel()
             await asyncio.gather(flooding, return_exceptions=True)
+            small.setsockopt(socketlib.SOL_SOCKET, socketlib.SO_RCVBUF, 1 << 20)
             with contextlib.suppress(ConnectionClosed):
                 while True:
                     assert '"pong"' in str(await socket.recv())
