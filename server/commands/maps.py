@@ -26,6 +26,7 @@ from server.mapping.exchange.colmap_files import ColmapModelError
 from server.mapping.exchange.colmap_import import image_times, import_colmap, read_colmap
 from server.mapping.exchange.ply import ply_file
 from server.mapping.exchange.tum import tum_trajectory
+from server.mapping.quality_files import write_quality_report
 from server.mapping.route_map import RouteMap
 from server.mapping.video import UnreadableVideoError
 
@@ -54,11 +55,16 @@ def build(
     out: Annotated[Path, typer.Option(help="Where the map is written.", show_default=False)],
     camera: CameraFile = None,
     length: Length = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Folder for the quality report: where the video is weak, and why.")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Build the route map of a leader's video."""
     with _said_in_one_line():
         _check_out(out, force)
+        if report is not None:
+            _check_out(report, force, folder=True)
         described = _camera(camera)
         if described is None:
             _fail("the video's camera is not known: give its JSON with --camera")
@@ -69,6 +75,8 @@ def build(
                 BuildOptions(measured_length=length),
                 lambda state: progress(state.fraction),
             )
+        if report is not None and result.quality is not None:
+            write_quality_report(result.quality, report, video.name)
         if result.route_map is None:
             _fail(f"no map ({result.status}): {result.detail}")
         save_route_map(result.route_map, out)

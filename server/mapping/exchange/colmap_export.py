@@ -150,7 +150,8 @@ def _rectifier(target: Camera, video: Path, camera: Camera | None) -> Rectifier:
     for candidate in (described, described.rotated(properties.quarter_turns)):
         rectifier = Rectifier(candidate.scaled(width, height))
         same_size = (rectifier.target.width, rectifier.target.height) == (target.width, target.height)
-        if same_size and np.allclose(rectifier.target.params, target.params, rtol=1e-4):
+        # Mapping may have refined the camera that was given: only another one is refused.
+        if same_size and np.allclose(rectifier.target.params, target.params, rtol=0.05):
             return rectifier
     raise OtherVideoError(
         f"a video of {width}x{height} with this camera does not give the map's {target.width}x"
