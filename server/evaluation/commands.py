@@ -16,6 +16,7 @@ from server.evaluation.follower import AnsweredFrame, FollowerJudgement, judge_f
 from server.evaluation.isolated import ONE_THREAD, run_isolated
 from server.evaluation.leader import BuildFigures, LeaderJudgement, failed_leader, judge_leader
 from server.evaluation.plots import write_plots
+from server.evaluation.positioning.commands import app as positioning
 from server.evaluation.report import RouteReport
 from server.evaluation.runs import build_map, follow_route
 from server.evaluation.tables import print_report
@@ -23,6 +24,7 @@ from server.evaluation.walk import Walk, WalkError, read_walk
 from server.mapping.codec import load_route_map
 
 app = typer.Typer(help="Judge routes and followers against recorded truth.", no_args_is_help=True)
+app.add_typer(positioning, name="positioning")
 
 
 @app.callback()

@@ -1,0 +1,1 @@
+"""Figures of positioning by a phone's motion sensors and radios, on recorded phones."""
