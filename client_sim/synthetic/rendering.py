@@ -193,9 +193,8 @@ class Renderer:
             planes.append(self._surfaces.planes(behind, grid, plane))
             draw(second, grid, planes[-1], count * (len(planes) - 1))
             draw_solids(second, painted, grid, behind, solids, first_solid)
-            found = inside & (second.surface != NOWHERE)
-            np.copyto(canvas.surface, second.surface, where=found)
-            np.copyto(canvas.inverse_depth, second.inverse_depth, where=found)
+            np.copyto(canvas.surface, second.surface, where=inside)
+            np.copyto(canvas.inverse_depth, second.inverse_depth, where=inside)
             mirror[inside] = q + 1
         solid = canvas.surface >= first_solid
         canvas.surface[solid] += count * len(planes) - first_solid
