@@ -39,8 +39,6 @@ IMAGE_FOLDER = Path("images")
 
 def as_reconstruction(route_map: RouteMap) -> pycolmap.Reconstruction:
     """The map as pycolmap has it; image k + 1 is keyframe k, points are coloured by height."""
-    # Its messages are for developers of the solver.
-    pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
     camera, keyframes, observations = route_map.camera, route_map.keyframes, route_map.observations
     scale = export_scale(route_map)
     reconstruction = pycolmap.Reconstruction()

@@ -64,8 +64,6 @@ def read_colmap(folder: Path) -> ColmapWalk:
         OSError: a file cannot be read.
     """
     model = _model_folder(folder)
-    # What is wrong is said here, in the words of this program.
-    pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
     reconstruction = pycolmap.Reconstruction()
     try:
         reconstruction.read(model)
