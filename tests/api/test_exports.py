@@ -51,7 +51,7 @@ async def test_a_route_is_exported_in_every_format(
 ) -> None:
     route_map, content = demo_route.route_map, {}
     for name in get_args(ExportName):
-        answer = await served.service.http.get(f"/v1/routes/{served.route_id}/export/{name}")
+        answer = await served.service.http.get(f"/v1/routes/{served.route_id}/export/{name}", timeout=60)
         assert answer.status_code == 200, answer.text
         assert answer.headers["content-disposition"] == f'attachment; filename="{served.route_id}-{name}"'
         assert int(answer.headers["content-length"]) == len(answer.content)
@@ -86,7 +86,7 @@ async def test_a_damaged_map_is_unusable(served: DemoService, demo_route: DemoRo
     store = served.service.parts.store
     key = next(key for key in await store.keys(f"routes/{route_id}") if "map" in key)
     (await store.local_path(key)).write_bytes(b"no map at all")
-    refused = await served.service.http.get(f"/v1/routes/{route_id}/export/trajectory.tum")
+    refused = await served.service.http.get(f"/v1/routes/{route_id}/export/trajectory.tum", timeout=60)
     assert (refused.status_code, refused.json()["code"]) == (424, "map_unusable")
     assert "no route map" in refused.json()["detail"]
     assert left_in(temporary) == []

@@ -12,11 +12,14 @@ import pytest
 
 from server.evaluation.follower import judge_follower
 from server.evaluation.isolated import ONE_THREAD, run_isolated
-from server.evaluation.leader import LeaderJudgement, judge_leader
+from server.evaluation.leader import BuildFigures, LeaderJudgement, judge_leader
 from server.evaluation.report import FollowerReport
 from server.evaluation.runs import build_map, follow_route
 from server.evaluation.walk import Walk, read_walk
-from server.mapping.codec import load_route_map
+from server.mapping.codec import load_route_map, save_route_map
+from server.mapping.exchange.colmap_export import write_colmap
+from server.mapping.exchange.colmap_import import image_times, import_colmap, read_colmap
+from server.mapping.outcome import BuildReport
 
 pytestmark = pytest.mark.recorded
 
@@ -94,6 +97,24 @@ def test_a_follower_is_guided_through_the_house(house: _Route, walks: Path) -> N
     assert report.hint_agreement >= 0.85
     assert report.arrived
     # With the kitchen's and this one's together, the changed house below may have two.
+    assert report.false_fixes == 0
+
+
+def test_the_house_mapped_anew_from_its_export_guides_as_well(
+    house: _Route, walks: Path, tmp_path: Path
+) -> None:
+    write_colmap(
+        load_route_map(house.map_file), tmp_path, video=house.leader.video, camera=house.leader.camera
+    )
+    model = read_colmap(tmp_path)
+    route_map = import_colmap(model, tmp_path / "images", image_times(model, None))
+    save_route_map(route_map, tmp_path / "again.map")
+    figures = BuildFigures("ready", "", BuildReport(len(route_map.path), len(route_map.path)), 0.0, 0, 0)
+    again = _Route(house.leader, tmp_path / "again.map", judge_leader(house.leader, route_map, figures))
+    report = again.follow(read_walk(walks / "house" / "follower_same_day"))
+    assert report.relocalized_fraction >= 0.97
+    assert report.position_error_m.median is not None
+    assert report.position_error_m.median <= 0.08
     assert report.false_fixes == 0
 
 
