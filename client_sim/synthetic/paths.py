@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter1d
+from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 
@@ -124,6 +125,4 @@ def split(waypoints: ArrayLike, at: float) -> tuple[Array, Array]:
 
 def distance_to(path: Array, points: Array) -> Array:
     """Metres from each of the points (M, 3) to the nearest of a path (N, 3), (M,)."""
-    from scipy.spatial import cKDTree
-
     return np.asarray(cKDTree(path).query(points)[0])
