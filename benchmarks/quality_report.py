@@ -16,22 +16,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
 from clips import write_pictures
+from judged_pictures import judge_video, read_pictures
 from planted_faults import Fault, draw_faults, plant
 
 from server.evaluation.walk import Walk, read_walk
-from server.features.extraction import OrbExtractor
-from server.features.tracking import FeatureTracker
-from server.geometry.cameras import Rectifier
 from server.mapping.build import build_route_map
-from server.mapping.front_end import follow_features
-from server.mapping.quality import QualityReport, WalkOutcome, judge_quality
-from server.mapping.video import VideoFrame, probe, read_frames
+from server.mapping.quality import QualityReport
+from server.mapping.video import probe
 
 
 @dataclass(frozen=True)
@@ -63,27 +59,6 @@ class Trial:
         return len(self.report.stretches) - sum(error is not None for error in self.errors)
 
 
-def judge_pictures(video: Path, walk: Walk) -> QualityReport:
-    """The report as far as pictures and features tell, without a map."""
-    rectifier = Rectifier(walk.camera)
-    tracker = FeatureTracker(OrbExtractor())
-    upright = (VideoFrame(f.index, f.time, rectifier(f.image)) for f in read_frames(video))
-    frames = list(follow_features(upright, rectifier.target, tracker))
-    followed = np.ones(len(frames), np.bool_)
-    return judge_quality(frames, rectifier.target, WalkOutcome(followed, np.full(len(frames), 500)))
-
-
-def read_pictures(walk: Walk) -> list[np.ndarray]:
-    """All pictures of a walk's video."""
-    reader = cv2.VideoCapture(str(walk.video))
-    pictures = []
-    while True:
-        done, picture = reader.read()
-        if not done:
-            return pictures
-        pictures.append(picture)
-
-
 def run_trial(walk: Walk, pictures: list[np.ndarray], faults: list[Fault], seed: int, build: bool) -> Trial:
     """Plant, film, judge."""
     fps = probe(walk.video).frame_rate
@@ -95,7 +70,7 @@ def run_trial(walk: Walk, pictures: list[np.ndarray], faults: list[Fault], seed:
             if report is None:
                 raise RuntimeError(f"{walk.folder}: no report")
         else:
-            report = judge_pictures(video, walk)
+            report = judge_video(video, walk.camera)
     return Trial(str(Path(*walk.folder.parts[-2:])), faults, report, fps)
 
 
@@ -113,7 +88,7 @@ def main() -> None:
     trials = []
     for folder in options.walks:
         walk = read_walk(folder)
-        pictures = read_pictures(walk)
+        pictures = read_pictures(walk.video)
         clean = run_trial(walk, pictures, [], 0, options.build)
         print(f"{clean.walk}, as it is: {clean.false} stretches, score {clean.report.score}", flush=True)
         trials.append(clean)

@@ -22,6 +22,9 @@ STRAY_PIXELS = 3.0
 _STRIDE = 5
 """Frames between the two views that strays are judged by: half a second of walking."""
 
+_BEFORE_START = 20
+"""Frames that a first start may take, as long as its first view is waited with."""
+
 _FEWEST = 20
 """Features below which nothing is said of how they move."""
 
@@ -31,17 +34,14 @@ def tracking_record(
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Which of F frames the odometry could follow, and how many landmarks each saw.
 
-    Frames in which a part of the walk was about to start, and then did, count as followed.
+    Frames of a start count as followed, and so do those before the first start: they lie within its view.
     """
     states = [answer.state for answer in answers]
     tracked = np.array([state is TrackingState.TRACKED for state in states], dtype=np.bool_)
-    for part in parts:
-        if part.map.keyframes:
-            # A start has two keyframes; what was passed over while it was sought lies just before.
-            row = part.map.keyframes[1].frame - 1
-            while row >= 0 and states[row] is TrackingState.STARTING:
-                tracked[row] = True
-                row -= 1
+    starts = [part.map.keyframes[:2] for part in parts if part.map.keyframes]
+    for number, (first, second) in enumerate(starts):
+        begin = max(0, first.frame - _BEFORE_START) if number == 0 else first.frame
+        tracked[begin : second.frame] = True
     seen = np.array([answer.inliers for answer in answers], dtype=np.float64)
     known = np.flatnonzero(seen > 0)
     if len(known):

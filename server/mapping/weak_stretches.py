@@ -101,7 +101,7 @@ class WeaknessOptions:
     least_s: float = 0.35
     least_lost_s: float = 0.45
     gap_s: float = 0.5
-    edge_s: float = 0.6
+    edge_s: float = 0.8
 
 
 @dataclass(frozen=True, slots=True)
