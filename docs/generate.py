@@ -29,6 +29,7 @@ from server.protocol.codes import (  # noqa: E402
     InstructionCode,
     RefusalCode,
     StateCode,
+    WeakStretchCode,
 )
 from server.protocol.error_codes import ErrorCode  # noqa: E402
 from server.protocol.examples import DOCUMENT_EXAMPLES, MESSAGE_EXAMPLES  # noqa: E402
@@ -249,6 +250,7 @@ PARTS: dict[str, Callable[..., str]] = {
     "sessions": sessions,
     "settings": settings,
     "stages": lambda: table(("stage", "means"), ((f"`{c}`", c.meaning) for c in BuildStageCode)),
+    "weaknesses": lambda: code_table(WeakStretchCode, "what to do"),
     "states": lambda: code_table(StateCode, "what to show"),
 }
 

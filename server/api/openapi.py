@@ -6,15 +6,13 @@ descriptions from docstrings, and problem documents as what every operation may 
 
 from __future__ import annotations
 
-from inspect import isclass
 from typing import Any
 
 from fastapi import FastAPI
-from fastapi.openapi.utils import get_openapi
+from fastapi.openapi.utils import get_fields_from_routes, get_openapi
 from fastapi.routing import APIRoute
-from pydantic import BaseModel
 
-from server.protocol import documents
+from server.protocol.documents import Problem
 from server.protocol.examples import DOCUMENT_EXAMPLES
 from server.protocol.problem_codes import ProblemCode
 from server.protocol.schemas import markdown, models_within, plain
@@ -80,10 +78,9 @@ def openapi_document(app: FastAPI) -> Json:
     for path in document["paths"].values():
         for operation in path.values():
             _describe(operation)
-    models = models_within(
-        model for model in vars(documents).values() if isclass(model) and issubclass(model, BaseModel)
-    )
-    schemas["Problem"] = documents.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+    bodies = (field.field_info.annotation for field in get_fields_from_routes(app.routes))
+    models = models_within([Problem, *bodies])
+    schemas["Problem"] = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
     document["components"]["schemas"] = {
         name: _with_example(name, plain(schemas[name], models.get(name))) for name in sorted(schemas)
     }

@@ -88,6 +88,23 @@ class RefusalCode(Code):
     )
 
 
+class WeakStretchCode(Code):
+    """``reason`` of a weak stretch in a quality report."""
+
+    TOO_DARK = "too_dark", "too little light", "Switch the light on, or film by day."
+    TOO_BRIGHT = "too_bright", "large parts are blinded white", "Do not film against windows and lamps."
+    LENS_COVERED = "lens_covered", "something was before the lens", "Keep fingers and straps away from it."
+    BLANK_WALL = "blank_wall", "bare walls, or nothing with detail", "Let the camera look along the way."
+    BLURRED = "blurred", "the pictures are blurred", "Hold the phone more still, walk more slowly."
+    TOO_FAST = "too_fast", "the phone was turned too fast", "Walk round corners in an arc."
+    TOO_MUCH_MOTION = "too_much_motion", "people or things passed by", "Film at a quiet hour."
+    LOST = (
+        "lost",
+        "the camera could not be followed, for no reason that the pictures show",
+        "Walk slowly there.",
+    )
+
+
 class ScaleSourceCode(Code):
     """``scale_source`` of a map: what told how long its unit is in metres."""
 

@@ -6,6 +6,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from server.protocol.codes import WeakStretchCode, known
+
 
 class WeakStretch(BaseModel):
     """A stretch of the video that is too poor to map by.
@@ -13,8 +15,7 @@ class WeakStretch(BaseModel):
     Attributes:
         start_s: seconds of the video.
         end_s: seconds of the video.
-        reason: one of ``too_dark``, ``too_bright``, ``lens_covered``, ``blank_wall``, ``blurred``,
-            ``too_fast``, ``too_much_motion``, ``lost``; others may come.
+        reason: a stable code.
         severity: 0.5 where the camera could be followed all the same, up to 1 where it could not.
         detail: a sentence for the leader: what was seen, what came of it, and what to do.
         thumbnail: path of a picture in it, JPEG; null where none is kept.
@@ -24,7 +25,7 @@ class WeakStretch(BaseModel):
 
     start_s: float
     end_s: float
-    reason: str
+    reason: Annotated[str, known(WeakStretchCode)]
     severity: Annotated[float, Field(ge=0, le=1)]
     detail: str
     thumbnail: str | None

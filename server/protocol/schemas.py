@@ -82,10 +82,10 @@ def plain(schema: Schema, model: type[BaseModel] | None = None) -> Schema:
     return schema
 
 
-def models_within(models: Iterable[type[BaseModel]]) -> dict[str, type[BaseModel]]:
-    """The models and all that their fields hold, by name."""
+def models_within(annotations: Iterable[Any]) -> dict[str, type[BaseModel]]:
+    """The models in some types, and all that their fields hold, by name."""
     found: dict[str, type[BaseModel]] = {}
-    waiting = list(models)
+    waiting = [model for annotation in annotations for model in _models_in(annotation)]
     while waiting:
         model = waiting.pop()
         if model.__name__ not in found:

@@ -122,9 +122,9 @@ async def test_the_shop_owners_commands_upload_look_and_delete(
         block.replace(".venv/bin/pairnavi", f"{shlex.quote(sys.executable)} -m server.cli")
         for block in blocks("shop-owner.md", "sh")
     ]
-    assert len(commands) == 4
+    assert len(commands) == 5
     commands.insert(
-        2, 'while curl -fsS "$SERVER/v1/routes/$ROUTE" | grep -qv \'"ready"\'; do sleep 0.1; done\n'
+        2, 'until curl -fsS "$SERVER/v1/routes/$ROUTE" | grep -q \'"ready"\'; do sleep 0.1; done\n'
     )
     script = "set -euo pipefail\n" + "echo; echo ---\n".join(commands)
     shell = await asyncio.create_subprocess_exec(
@@ -139,11 +139,12 @@ async def test_the_shop_owners_commands_upload_look_and_delete(
     async with asyncio.timeout(60):
         out, errors = await shell.communicate()
     assert shell.returncode == 0, errors.decode()
-    led, uploaded, _, looked, deleted = out.decode().split("---")
+    led, uploaded, _, looked, judged, deleted = out.decode().split("---")
     assert re.fullmatch(r"[0-9a-f-]{36}", led.strip())
     assert '"state":"uploaded"' in uploaded
     assert '"measured_length_m":41.5' in looked
     assert '"state":"ready"' in looked
+    assert '"record_again":false' in judged
     assert deleted.strip() == ""
     left = (await demo.service.http.get("/v1/routes")).json()["routes"]
     assert {route["id"] for route in left} == {demo.route_id, led.strip()}

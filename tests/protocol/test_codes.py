@@ -10,6 +10,7 @@ import pytest
 from server.api.problems import _DOMAIN_STATUS, _HTTP_CODES
 from server.mapping.outcome import BuildStage, BuildStatus
 from server.mapping.route_map import ScaleSource
+from server.mapping.weak_stretches import WeakReason
 from server.navigation.updates import Instruction, NavigationState, RefusalReason
 from server.protocol.close_codes import CloseCode
 from server.protocol.codes import (
@@ -19,6 +20,7 @@ from server.protocol.codes import (
     RefusalCode,
     ScaleSourceCode,
     StateCode,
+    WeakStretchCode,
 )
 from server.protocol.error_codes import ErrorCode
 from server.protocol.problem_codes import ProblemCode
@@ -41,6 +43,7 @@ def written(pattern: str, *folders: str) -> set[str]:
         (InstructionCode, Instruction),
         (RefusalCode, RefusalReason),
         (ScaleSourceCode, ScaleSource),
+        (WeakStretchCode, WeakReason),
     ],
 )
 def test_codes_of_the_algorithms_are_documented(documented: type[str], sent: type[str]) -> None:
