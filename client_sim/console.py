@@ -8,9 +8,11 @@ from types import TracebackType
 from typing import Self
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from client_sim.errors import RouteFailedError
 from client_sim.follower import FollowerOptions, follow
 from client_sim.hints import refusal_sentence, remaining, sentence
 from client_sim.leader import LeaderOptions, lead
@@ -19,6 +21,7 @@ from client_sim.service import ServiceClient
 from client_sim.walk import Walk
 from server.protocol.documents import RouteDocument
 from server.protocol.messages import UpdateMessage
+from server.protocol.quality import QualityDocument
 
 _STYLES = {"on_route": "green", "arrived": "bold green", "lost": "yellow", "searching": "dim"}
 
@@ -71,9 +74,14 @@ async def lead_with_progress(
     console: Console, service: ServiceClient, walk: Walk, options: LeaderOptions
 ) -> RouteDocument:
     """:func:`client_sim.leader.lead` with a progress bar for the upload and one for the build."""
-    with Bars(console) as bars:
-        route = await lead_with_bars(bars, service, walk, options)
+    try:
+        with Bars(console) as bars:
+            route = await lead_with_bars(bars, service, walk, options)
+    except RouteFailedError as error:
+        await _tell_quality(console, service, error.route.id)
+        raise
     tell_map(console, route)
+    await _tell_quality(console, service, route.id)
     return route
 
 
@@ -104,6 +112,24 @@ def tell_map(console: Console, route: RouteDocument) -> None:
         f"{report.keyframes} keyframes, {report.landmarks} landmarks, {length}, {route.map.turns} turns, "
         f"{route.map.bytes / 1e6:.1f} MB[/dim]"
     )
+
+
+async def _tell_quality(console: Console, service: ServiceClient, route_id: str) -> None:
+    quality = await service.quality(route_id)
+    if quality is not None:
+        tell_quality(console, quality)
+
+
+def tell_quality(console: Console, quality: QualityDocument) -> None:
+    """The verdict on a leader's walk, and a line about every weak stretch."""
+    style = "yellow" if quality.record_again else "green"
+    console.print(f"[{style}]{quality.score} of 100. {escape(quality.verdict)}[/{style}]")
+    for stretch in quality.stretches:
+        console.print(
+            f"  [bold]{stretch.start_s:6.1f} - {stretch.end_s:.1f} s[/bold]  {escape(stretch.detail)}"
+        )
+    for note in quality.notes:
+        console.print(f"  [dim]{escape(note)}[/dim]")
 
 
 @dataclass(slots=True)

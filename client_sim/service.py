@@ -21,6 +21,8 @@ from server.protocol.documents import (
     RouteDocument,
     RouteList,
 )
+from server.protocol.problem_codes import ProblemCode
+from server.protocol.quality import QualityDocument
 
 _CHUNK = 1 << 18
 
@@ -101,6 +103,16 @@ class ServiceClient:
         """The walked path of a finished route."""
         response = await self._send("GET", f"/v1/routes/{route_id}/path")
         return PathDocument.model_validate_json(response.content)
+
+    async def quality(self, route_id: str) -> QualityDocument | None:
+        """The quality report of the leader's walk, None if it has not been judged."""
+        try:
+            response = await self._send("GET", f"/v1/routes/{route_id}/quality")
+        except ServiceRefusedError as error:
+            if error.problem.code == ProblemCode.ROUTE_NOT_READY:
+                return None
+            raise
+        return QualityDocument.model_validate_json(response.content)
 
     async def _send(
         self,

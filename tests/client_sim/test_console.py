@@ -10,7 +10,7 @@ import pytest
 from recorded_video import write_walk
 from rich.console import Console
 
-from client_sim.console import Bars, HintPrinter, lead_with_progress, summary_table
+from client_sim.console import Bars, HintPrinter, lead_with_progress, summary_table, tell_quality
 from client_sim.errors import ServiceUnreachableError
 from client_sim.leader import LeaderOptions
 from client_sim.outcome import FollowOutcome, FrameRecord
@@ -24,6 +24,7 @@ from server.protocol.messages import (
     RefusalMessage,
     UpdateMessage,
 )
+from server.protocol.quality import QualityDocument, WeakStretch
 
 COUNTS = FrameCounts(received=0, answered=0, replaced=0, stale=0, bad=0)
 FIX = FixMessage(
@@ -145,3 +146,32 @@ def test_a_bar_appears_with_its_first_progress() -> None:
     assert "never begun" not in text
     assert "done" in text
     assert "100%" in text
+
+
+def test_a_leader_is_told_what_is_weak_and_what_to_do() -> None:
+    out = StringIO()
+    weak = WeakStretch(
+        start_s=4.5,
+        end_s=6.5,
+        reason="too_dark",
+        severity=1.0,
+        detail="Too dark [very]: turn on the light.",
+        thumbnail=None,
+    )
+    quality = QualityDocument(
+        score=40,
+        record_again=True,
+        verdict="Record the walk again.",
+        coverage=0.8,
+        video_s=20.0,
+        stretches=(weak,),
+        notes=("The camera stood still.",),
+        landmarks=(500,),
+        picture=None,
+    )
+    tell_quality(Console(file=out, width=100), quality)
+    said = out.getvalue()
+    assert "40 of 100. Record the walk again." in said
+    assert "4.5 - 6.5 s" in said
+    assert "Too dark [very]: turn on the light." in said
+    assert "stood still" in said
