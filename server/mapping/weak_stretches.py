@@ -182,8 +182,14 @@ def _blurred(e: FrameEvidence, free: Mask, o: WeaknessOptions) -> list[tuple[int
     level = np.log(np.maximum(e.sharpness, 1e-4) / max(typical, 1e-4))
     spans = []
     for a, b in _joined(_spans((level < np.log(o.blur_step)) & free), e.time, 0.25):
-        # A bland view may join on to a blur: what is cut out is tried first, then the whole.
-        for begin, end in (_edges(level, free, a, b), (a, b)):
+        # A bland view may join on to a blur: what is cut out is tried first, then the whole. What is left
+        # over is bland, not blurred, only if it is well above the cut.
+        cut = _edges(level, free, a, b)
+        inside = float(np.median(level[slice(*cut)]))
+        rest = np.concatenate([level[a : max(a, cut[0])], level[min(b, cut[1]) : b]])
+        if len(rest) and np.median(rest) < max(np.log(o.blur), inside - np.log(o.step)):
+            cut = (a, b)
+        for begin, end in (cut, (a, b)):
             if _seconds(begin, end, e.time) >= o.least_s and _is_blur(e, level, free, begin, end, o):
                 spans.append((begin, end))
                 break
