@@ -29,7 +29,8 @@ class Settings(BaseSettings):
     """Sizes in bytes, times in seconds.
 
     Attributes:
-        host, port: loopback by default; port 0 takes a free one.
+        host: address to listen on; loopback by default.
+        port: 0 takes a free one.
         allowed_hosts: names and addresses under which the service is reached, without ports; in the
             environment separated by commas. Requests for others are refused. An address in ``host`` is
             allowed too.
