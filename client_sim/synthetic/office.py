@@ -65,7 +65,7 @@ PLACES: dict[str, Point3] = {
     "blank wall": (6.0, 8.3, 0.0),
     "mirror": (18.9, 10.2, 0.0),
     "stairs below": (11.6, 0.7, 0.0),
-    "landing": STAIRS.route()[3],
+    "landing": STAIRS.route()[6],
     "stairs above": (13.0, 0.7, RISE),
     "library": (14.5, 13.5, RISE),
 }
@@ -209,8 +209,10 @@ def _openings(spaces: dict[str, Space], seed: int) -> None:
 
 
 def _numbered_door(space: Space, side: str, at: float, seed: int, number: int, level: int) -> None:
-    """A closed door with its number beside it; doors upstairs are made as those below them."""
-    leaf = prints.leaf(_rng(seed, 2, number % 100), 420, 190, str(number))
+    """A closed door with its number beside it: upstairs of the model below, but of other wood."""
+    model = _rng(seed, 2, number % 100)
+    tone, pane = float(model.uniform(0.85, 1.1)), bool(model.random() < 0.35)
+    leaf = prints.leaf(_rng(seed, 2, number), 420, 190, tone, pane)
     closed_door(space, side, at, leaf)
     beside = at + (0.72 if number % 2 else -0.72)
     space.hang(side, beside, 1.55, (0.18, 0.14), prints.plate(f"{level}.{number % 100:02d}", 56, 72))

@@ -223,11 +223,10 @@ def radiator(rng: np.random.Generator, height: int, width: int) -> Texture:
     return picture
 
 
-def leaf(rng: np.random.Generator, height: int, width: int, number: str) -> Texture:
-    """A door leaf without its frame: wood, a handle, sometimes a pane."""
-    tone = float(rng.uniform(0.85, 1.1))
+def leaf(rng: np.random.Generator, height: int, width: int, tone: float, pane: bool) -> Texture:
+    """A door leaf without its frame: wood, a handle, with a ``pane`` or without."""
     picture = wood(rng, height, width, (70 * tone, 105 * tone, 150 * tone))
-    if rng.random() < 0.35:
+    if pane:
         box = (int(0.62 * width), int(0.14 * height)), (int(0.82 * width), int(0.5 * height))
         cv2.rectangle(picture, *box, (150, 140, 125), -1)
         cv2.line(picture, box[0], box[1], (185, 178, 168), 2, cv2.LINE_AA)

@@ -141,23 +141,26 @@ class Space:
         """All its surfaces."""
         found = []
         tile = self.materials.wall_tile
+        # Each space has cut its finishes from another part of the roll.
+        cut = np.random.default_rng([ord(letter) for letter in self.name]).random((len(SIDES) + 2, 2))
         for number, side in enumerate(SIDES):
             start, end = self.extent(side)
             for hole in _around(self.holes[side], start, end, self.z, self.top):
                 quad = self.strip(side, hole.start, hole.end, hole.bottom, hole.top, self.materials.wall)
                 left = hole.end if side in ("south", "east") else hole.start
                 sign = -1.0 if side in ("south", "east") else 1.0
-                shift = (0.37 * number + sign * left / tile[0], (self.top - hole.top) / tile[1])
+                shift = (float(cut[number, 0]) + sign * left / tile[0], (self.top - hole.top) / tile[1])
                 found.append(lit(replace(quad, tile=tile, shift=shift), self.lamps))
         if self.covered:
             x, y = self.low
             materials = self.materials
-            for make, z, texture, size in (
-                (floor, self.z, materials.floor, materials.floor_tile),
-                (ceiling, self.top, materials.ceiling, materials.ceiling_tile),
+            for make, z, texture, size, part in (
+                (floor, self.z, materials.floor, materials.floor_tile, cut[-2]),
+                (ceiling, self.top, materials.ceiling, materials.ceiling_tile, cut[-1]),
             ):
                 quad = make(self.low, self.high, z, texture)
-                found.append(lit(replace(quad, tile=size, shift=(x / size[0], y / size[1])), self.lamps))
+                shift = (x / size[0] + float(part[0]), y / size[1] + float(part[1]))
+                found.append(lit(replace(quad, tile=size, shift=shift), self.lamps))
         return found + self.hung
 
 

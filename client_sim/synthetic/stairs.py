@@ -83,18 +83,19 @@ class Staircase:
     def route(self) -> tuple[Point3, ...]:
         """Floor points from the entrance to the upper landing.
 
-        The feet go along the nosings: half a riser above the middles of the treads.
+        The feet go along the nosings: half a riser above the middles of the treads. On the landing
+        they go round in half a circle.
         """
         up, down = self.flight / 2, self.width - self.flight / 2
         half = self.rise / 2
         near, far = self.entry - self.tread / 2, self.entry + self.run + self.tread / 2
-        turn = self.entry + self.run + self.landing * 0.55
+        middle, radius = (up + down) / 2, (down - up) / 2
+        angles = np.linspace(-np.pi / 2, np.pi / 2, 9)[1:-1]
         local = (
             (self.entry / 2, up, 0.0),
             (near, up, 0.0),
             (far, up, half),
-            (turn, up, half),
-            (turn, down, half),
+            *((far + radius * float(np.cos(a)), middle + radius * float(np.sin(a)), half) for a in angles),
             (far, down, half),
             (near, down, self.rise),
             (self.entry / 2, down, self.rise),
