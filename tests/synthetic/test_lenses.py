@@ -29,12 +29,12 @@ def _matrix(camera: LensCamera) -> np.ndarray:
 def test_projection_is_opencv_s(camera: LensCamera) -> None:
     points = np.random.default_rng(1).uniform([-1, -0.8, 1.8], [1, 0.8, 4.0], size=(200, 3))
     zero = np.zeros(3)
+    coefficients = camera.params[3 if "RADIAL" in camera.model else 4 :]
+    lens = (_matrix(camera), np.pad(coefficients, (0, 4 - len(coefficients))))
     if camera.fisheye:
-        expected = cv2.fisheye.projectPoints(
-            points[:, None], zero, zero, _matrix(camera), camera.distortion()
-        )[0]
+        expected = cv2.fisheye.projectPoints(points[:, None], zero, zero, *lens)[0]
     else:
-        expected = cv2.projectPoints(points, zero, zero, _matrix(camera), camera.distortion())[0]
+        expected = cv2.projectPoints(points, zero, zero, *lens)[0]
     np.testing.assert_allclose(
         camera.pixels(points[:, :2] / points[:, 2:]), np.asarray(expected).reshape(-1, 2), atol=1e-6
     )

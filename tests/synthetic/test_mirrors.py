@@ -35,8 +35,10 @@ def _room() -> tuple[World, np.ndarray]:
     behind = wall((3.4, -3.0), (3.4, 3.0), 0.0, 3.0, np.full((8, 8, 3), 255, np.uint8))
     # Seen from the mirror's back, this stands between the camera's image and the glass.
     blind = wall((3.2, 3.0), (3.2, -3.0), 0.0, 3.0, np.full((8, 8, 3), 255, np.uint8))
+    # This goes through the glass's plane: what is of it behind must not show either.
+    through = wall((4.0, 1.0), (2.9999, 1.0), 0.0, 3.0, np.full((8, 8, 3), 255, np.uint8))
     ground = floor((-2.0, -2.5), (3.0, 2.5), 0.0, DARK)
-    return World("mirror", (mirror, opposite, behind, blind, ground)), disc
+    return World("mirror", (mirror, opposite, behind, blind, through, ground)), disc
 
 
 def _inner(mask: np.ndarray) -> np.ndarray:
