@@ -36,7 +36,7 @@ def _room() -> tuple[World, np.ndarray]:
     # Seen from the mirror's back, this stands between the camera's image and the glass.
     blind = wall((3.2, 3.0), (3.2, -3.0), 0.0, 3.0, np.full((8, 8, 3), 255, np.uint8))
     # This goes through the glass's plane: what is of it behind must not show either.
-    through = wall((4.0, 1.0), (2.9999, 1.0), 0.0, 3.0, np.full((8, 8, 3), 255, np.uint8))
+    through = wall((4.0, 1.0), (2.99, 1.0), 0.0, 3.0, np.full((8, 8, 3), 255, np.uint8))
     ground = floor((-2.0, -2.5), (3.0, 2.5), 0.0, DARK)
     return World("mirror", (mirror, opposite, behind, blind, through, ground)), disc
 
@@ -51,7 +51,9 @@ def test_a_point_is_seen_where_its_mirror_image_projects(heading: float) -> None
     world, disc = _room()
     pose = Pose(level_rotation(heading, -0.05, 0.1), np.array([0.5, 0.2, 1.4]))
     shot = Renderer(world, CAMERA).shoot([pose])
-    image = np.where(_inner(shot.mirror), shot.image[..., 1], 0).astype(np.float64)
+    # Of the wall that goes through the glass a hair's breadth is really seen.
+    plain = _inner(shot.mirror & (shot.surface != 4))
+    image = np.where(plain, shot.image[..., 1], 0).astype(np.float64)
     image[image < 60] = 0.0
     v, u = np.indices(image.shape) + 0.5
     centroid = np.array([(u * image).sum(), (v * image).sum()]) / image.sum()
