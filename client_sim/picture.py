@@ -238,7 +238,16 @@ def _draw_map(axes: Axes, route: RouteDocument, drawn: Drawn, records: list[Fram
     for spine in axes.spines.values():
         spine.set_visible(False)
     _draw_ruler(axes, low, high, drawn.unit)
-    axes.legend(loc="best", frameon=True, framealpha=0.85, edgecolor="none", labelcolor=_INK, fontsize=10)
+    # Above the columns beside the map: on it, it would cover something.
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=3,
+        frameon=False,
+        labelcolor=_INK,
+        fontsize=10,
+        borderaxespad=0.3,
+    )
 
 
 def _draw_blind(axes: Axes, drawn: Drawn, records: list[FrameRecord]) -> None:
@@ -261,11 +270,14 @@ def _draw_blind(axes: Axes, drawn: Drawn, records: list[FrameRecord]) -> None:
         zorder=5,
         label=f"refused for {seconds:.1f} s: {len(blind)} pictures",
     )
+    middle = ends.mean(axis=0)
+    inwards = 1 if middle[0] < np.mean(drawn.extent, axis=0)[0] else -1
     axes.annotate(
         "nothing to see:\nno fix, no guess",
-        ends.mean(axis=0),
+        (middle[0], middle[1]),
         textcoords="offset points",
-        xytext=(26, -34),
+        xytext=(24 * inwards, -34),
+        ha="left" if inwards > 0 else "right",
         fontsize=10,
         color=_REFUSED,
         fontweight="bold",

@@ -37,7 +37,7 @@ class Gait:
         look_ahead: metres along the path to the point the camera is turned to.
         stair_rate: steps a second on stairs, each from one tread to the next.
         riser: height of a stair, metres.
-        turn_rate: radians a second of turning on the spot.
+        turn_rate: radians a second of turning on the spot, and the most that is turned while walking.
         start_acceleration: metres a second squared of setting off and of stopping.
     """
 
@@ -62,9 +62,15 @@ class Gait:
         part = np.clip((np.abs(slope) - STAIRS[0]) / (STAIRS[1] - STAIRS[0]), 0.0, 1.0)
         return np.asarray(part * part * (3.0 - 2.0 * part))
 
-    def pace(self, turning: Array, slope: Array) -> Array:
-        """Horizontal speed (N,) where the path turns by so many radians a metre at a slope."""
+    def pace(self, turning: Array, slope: Array, facing: Array | None = None) -> Array:
+        """Horizontal speed (N,) where the path turns by so many radians a metre at a slope.
+
+        Args:
+            facing: radians a metre by which the camera turns there, if it looks ahead of the path.
+        """
         level = self.speed * (1.0 - self.turn_slowdown * np.clip(turning / 1.2, 0.0, 1.0))
+        if facing is not None:
+            level = np.minimum(level, self.turn_rate / np.maximum(facing, 1e-6))
         stairs = self.stair_rate * self.riser / np.maximum(np.abs(slope), STAIRS[0])
         climbing = self.climbing(slope)
         return np.asarray((1.0 - climbing) * level + climbing * np.minimum(level, stairs))

@@ -83,7 +83,8 @@ class WalkPlan:
         pauses: standing still, metres of the route and seconds.
         leave: metres of the route after which it is left.
         aside: floor points walked to then, and back.
-        turn_back: metres of the route after which the walker turns round, and goes back for a while.
+        turn_back: metres of the route after which the walker turns round.
+        back: metres gone back then.
         covered: the lens is.
         shaken: the phone is, so that the pictures blur.
         walls: the phone looks at a wall beside.
@@ -180,7 +181,7 @@ def plan_recording(building: Building, route: str, plan: WalkPlan, *, fps: float
 def _gait(plan: WalkPlan, leads: bool, rng: np.random.Generator) -> Gait:
     if leads:
         # Who films a way for others takes care in the turns.
-        usual = Gait(turn_slowdown=0.55)
+        usual = Gait(turn_slowdown=0.55, turn_rate=0.9)
         return replace(usual, speed=plan.speed or usual.speed, height=plan.height or usual.height)
     speed, height = float(rng.uniform(1.0, 1.3)), float(rng.uniform(1.42, 1.66))
     return Gait(
@@ -195,6 +196,8 @@ def _gait(plan: WalkPlan, leads: bool, rng: np.random.Generator) -> Gait:
 def _script(points: Array, plan: WalkPlan) -> list[Action]:
     """The route with the plan's pauses and ways aside, in the order in which they are met."""
     if plan.turn_back is not None:
+        if plan.pauses or plan.leave is not None:
+            raise ValueError("a walk that turns back neither pauses nor leaves the route")
         return turn_back(points, plan.turn_back, plan.back)
     stops: list[tuple[float, list[Action]]] = [(at, [Stand(seconds)]) for at, seconds in plan.pauses]
     if plan.leave is not None:

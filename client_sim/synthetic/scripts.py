@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from client_sim.synthetic.gait import Gait, find_steps, swing
 from client_sim.synthetic.motion import Motion
@@ -208,8 +208,12 @@ def _stops(script: Sequence[Action], ways: dict[int, Array], number: int) -> boo
 def _walked(path: Array, gait: Gait, from_rest: bool, to_rest: bool, before: list[_Stretch]) -> _Stretch:
     arc, direction = arc_of(path), directions(path)
     slope = np.gradient(path[:, 2], arc)
-    turning = gaussian_filter1d(np.abs(np.gradient(direction, arc)), 0.3 / SPACING_M)
-    speed = gaussian_filter1d(gait.pace(turning, slope), 0.15 / SPACING_M, mode="nearest")
+    bend = np.abs(np.gradient(direction, arc))
+    turning = gaussian_filter1d(bend, 0.3 / SPACING_M)
+    # The sharpest within reach of the averages below, so that they do not carry speed into a turn.
+    sharpest = maximum_filter1d(gaussian_filter1d(bend, 0.1 / SPACING_M), round(0.5 / SPACING_M))
+    facing = np.interp(arc + gait.look_ahead / 2, arc, sharpest)
+    speed = gaussian_filter1d(gait.pace(turning, slope, facing), 0.15 / SPACING_M, mode="nearest")
     # Speeds in the middle of each piece: at rest the ends have none, and time would not pass.
     middle = 0.5 * (speed[1:] + speed[:-1])
     at = 0.5 * (arc[1:] + arc[:-1])

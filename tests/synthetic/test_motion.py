@@ -100,6 +100,13 @@ def test_stairs_are_climbed_a_tread_a_step_more_slowly() -> None:
     assert upwards.max() > 1.5 * upwards.mean()
 
 
+@pytest.mark.parametrize("turn_rate", [0.8, 1.3])
+def test_nobody_turns_faster_than_they_do(turn_rate: float) -> None:
+    motion = _walk([Go(TWO_FLIGHTS)], gait=Gait(shake=0.0, turn_rate=turn_rate))
+    rate = np.abs(np.gradient(motion.angles[:, 0], motion.times))
+    assert 0.7 * turn_rate < rate.max() < 1.25 * turn_rate
+
+
 def test_a_path_stays_between_two_flights() -> None:
     path = smooth_path(TWO_FLIGHTS, 0.7)
     on_stairs = (path[:, 2] > 0.1) & (path[:, 2] < RISE - 0.1) & (path[:, 0] < 3.0 + RUN / 2)

@@ -135,6 +135,7 @@ def test_phones_are_held_upright_across_and_rolled(office: Building) -> None:
         ("main", WalkPlan(phone="none"), "no phone 'none'; there are: reference"),
         ("main", WalkPlan(leave=200.0, aside=((0.0, 0.0, 0.0),)), "cannot be left at 200"),
         ("main", WalkPlan(leave=20.0), "say where to"),
+        ("main", WalkPlan(turn_back=20.0, pauses=((5.0, 2.0),)), "neither pauses nor leaves"),
     ],
 )
 def test_what_cannot_be_walked_is_said(office: Building, route: str, plan: WalkPlan, complaint: str) -> None:
