@@ -147,8 +147,8 @@ def test_what_cannot_be_walked_is_said(office: Building, route: str, plan: WalkP
 def recorded(
     office: Building, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Recording, Path, list[float]]:
-    """Five seconds in the lobby past somebody, with a thumb on the lens for one of them."""
-    short = replace(office, routes={"short": ((1.0, 2.0, 0.0), (4.0, 2.0, 0.0), (4.0, 4.0, 0.0))})
+    """Five seconds in a corridor past somebody, with a thumb on the lens for one of them."""
+    short = replace(office, routes={"short": ((7.5, 2.7, 0.0), (13.5, 2.7, 0.0))})
     plan = WalkPlan(Role.FOLLOWER, seed=2, people=1, wander=0.1, covered=(Span(2.0, 3.0),))
     recording = plan_recording(short, "short", plan)
     recording = replace(recording, camera=PinholeCamera(320, 240, 260.0, 260.0, 160.0, 120.0))
@@ -228,21 +228,28 @@ def test_the_truth_moves_as_the_pictures_do(recorded: tuple[Recording, Path, lis
     recording, folder, _ = recorded
     frames, truth = _frames(folder), read_walk(folder).truth
     renderer = Renderer(recording.building.world, recording.camera)
-    for row in (5, 14, len(frames) - 12):
+    people = set(np.load(folder / "people_masks.npz").files)
+    errors = []
+    for row in range(0, len(frames) - 1, 3):
+        if {f"{row:06d}", f"{row + 1:06d}"} & people or min(frames[row].mean(), frames[row + 1].mean()) < 30:
+            continue
         first, second = (Pose(truth.rotation[k], truth.position[k]) for k in (row, row + 1))
         a, b = (cv2.cvtColor(frames[k], cv2.COLOR_BGR2GRAY) for k in (row, row + 1))
         corners = cv2.goodFeaturesToTrack(a, 150, 0.02, 7).reshape(-1, 2)
-        moved, status, _ = cv2.calcOpticalFlowPyrLK(a, b, corners.reshape(-1, 1, 2), None)
         pixels = corners.round().astype(int)
         depth = renderer.shoot([first]).depth[pixels[:, 1], pixels[:, 0]]
         x, y = (corners[:, 0] - 159.5) / 260.0, (corners[:, 1] - 119.5) / 260.0
         points = np.stack([x, y, np.ones_like(x)], axis=1) * depth[:, None]
         there = second.to_camera(points @ first.rotation.T + first.position)
         expected = 260.0 * there[:, :2] / there[:, 2:] + [159.5, 119.5]
-        error = np.linalg.norm(expected - moved.reshape(-1, 2), axis=1)[status.ravel() == 1]
-        assert np.linalg.norm(expected - corners, axis=1).mean() > 1.5, "something moves"
-        # Compressed pictures of a quarter of the size: flow is good to about half a pixel.
-        assert np.median(error) < 0.6
+        way = np.linalg.norm(expected - corners, axis=1)
+        if not 1.0 < np.median(way) < 8.0:
+            continue
+        moved, status, _ = cv2.calcOpticalFlowPyrLK(a, b, corners.reshape(-1, 1, 2), None)
+        errors.append(np.linalg.norm(expected - moved.reshape(-1, 2), axis=1)[status.ravel() == 1])
+    # Compressed pictures of a quarter of the size: flow is good to about half a pixel.
+    assert len(np.concatenate(errors)) > 50
+    assert np.median(np.concatenate(errors)) < 0.6
 
 
 def test_the_command_says_what_it_cannot_record(tmp_path: Path) -> None:
