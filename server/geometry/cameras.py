@@ -193,6 +193,10 @@ class Camera:
         one = PARAMETER_NAMES[model][0] == "f"
         return Camera(model, *size, (*(focal[:1] if one else focal), *centre, *distortion))
 
+    def with_focal(self, focal: float) -> Camera:
+        """The same camera with another focal length, pixels, the same in x and y."""
+        return self._with((self.width, self.height), (focal, focal), self.centre, self.distortion)
+
     def scaled(self, width: int, height: int) -> Camera:
         """The same camera with its image resized to width x height."""
         sx, sy = width / self.width, height / self.height
@@ -245,6 +249,22 @@ class Camera:
         return pycolmap.Camera(
             model=str(self.model), width=self.width, height=self.height, params=list(self.params)
         )
+
+
+TYPICAL_FOCAL = 0.8
+"""Focal length of a phone's main camera while it films, in lengths of the longer side."""
+
+
+def typical_camera(width: int, height: int) -> Camera:
+    """What most phones film with: where to start when nothing is known."""
+    focal = TYPICAL_FOCAL * max(width, height)
+    return Camera.pinhole(width, height, focal, focal, width / 2, height / 2)
+
+
+def square_pixels(camera: Camera) -> Camera:
+    """The pinhole camera with the geometric mean of a camera's focal lengths, its centre and size."""
+    focal = math.sqrt(camera.focal[0] * camera.focal[1])
+    return Camera.pinhole(camera.width, camera.height, focal, focal, *camera.centre)
 
 
 def opencv_matrix(camera: Camera) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,12 +13,12 @@ from threadpoolctl import threadpool_limits
 
 from server.features.extraction import OrbExtractor, OrbOptions
 from server.features.tracking import FeatureTracker, TrackerOptions
-from server.geometry.cameras import Camera, Rectifier
+from server.geometry.cameras import Camera, Rectifier, square_pixels, typical_camera
 from server.geometry.poses import SE3
 from server.mapping.assembly import assemble, locate_frames
 from server.mapping.closing import close_map
 from server.mapping.evidence import tracking_record
-from server.mapping.front_end import WalkFrame, follow_features
+from server.mapping.front_end import WalkFrame, follow_features, straightened
 from server.mapping.global_refinement import RefinementOptions, refine_globally
 from server.mapping.joining import JoinOptions, Joint, join
 from server.mapping.outcome import (
@@ -26,10 +27,17 @@ from server.mapping.outcome import (
     BuildResult,
     BuildStage,
     BuildStatus,
+    CameraSource,
     ProgressListener,
 )
 from server.mapping.quality import QualityReport, WalkOutcome, judge_quality
 from server.mapping.route_map import RouteMap
+from server.mapping.self_calibration import (
+    CalibrationOptions,
+    fitted_camera,
+    learn_lens,
+    vote_focal,
+)
 from server.mapping.video import FRAME_RATE, UnreadableVideoError, VideoFrame, probe, read_frames
 from server.mapping.visual_odometry import OdometryOptions, TrackedFrame, TrackingState, VisualOdometry
 from server.mapping.working_map import WorkingMap
@@ -44,7 +52,9 @@ class BuildOptions:
         min_frames: frames (10 a second) a walk needs; max_seconds: the longest video taken.
         restart_after: blind frames after which a new part of the walk is begun; min_keyframes: that a
             part needs to count.
+        calibration: how an unknown camera is found out.
         min_tracked: share of the frames that must be tracked for a map to be worth having.
+        lens_tolerance: relative displacement of pixels up to which a given camera is not refined.
         measured_length: length of the walk in metres, if somebody measured it: fixes the scale.
     """
 
@@ -53,11 +63,13 @@ class BuildOptions:
     odometry: OdometryOptions = field(default_factory=OdometryOptions)
     joining: JoinOptions = field(default_factory=JoinOptions)
     refinement: RefinementOptions = field(default_factory=RefinementOptions)
+    calibration: CalibrationOptions = field(default_factory=CalibrationOptions)
     min_frames: int = 20
     restart_after: int = 8
     min_keyframes: int = 3
     max_seconds: float = 1800.0
     min_tracked: float = 0.7
+    lens_tolerance: float = 0.02
     measured_length: float | None = None
 
 
@@ -66,6 +78,7 @@ class _Progress:
 
     _SPANS: ClassVar = {
         BuildStage.DECODING: (0.0, 0.01),
+        BuildStage.CALIBRATING: (0.01, 0.25),
         BuildStage.TRACKING: (0.01, 0.75),
         BuildStage.CLOSING: (0.75, 0.8),
         BuildStage.REFINING: (0.8, 0.92),
@@ -74,23 +87,26 @@ class _Progress:
 
     def __init__(self, listener: ProgressListener | None) -> None:
         self._listener = listener
+        self._reached = 0.0
 
     def __call__(self, stage: BuildStage, done: float) -> None:
         if self._listener is not None:
             low, high = self._SPANS[stage]
-            self._listener(BuildProgress(stage, low + (high - low) * min(max(done, 0.0), 1.0)))
+            self._reached = max(self._reached, low + (high - low) * min(max(done, 0.0), 1.0))
+            self._listener(BuildProgress(stage, self._reached))
 
 
 def build_route_map(
     video: Path,
-    camera: Camera,
+    camera: Camera | None,
     options: BuildOptions | None = None,
     on_progress: ProgressListener | None = None,
 ) -> BuildResult:
     """Build the route map of a walk.
 
     Args:
-        camera: of the upright picture, or of the picture as stored where the video carries a rotation.
+        camera: of the upright picture, or of the picture as stored where the video carries a rotation;
+            None if nobody knows: then the walk itself tells it.
         on_progress: called now and then from this thread.
 
     Returns:
@@ -101,7 +117,7 @@ def build_route_map(
         return _build(video, camera, options or BuildOptions(), _Progress(on_progress))
 
 
-def _build(video: Path, camera: Camera, options: BuildOptions, progress: _Progress) -> BuildResult:
+def _build(video: Path, camera: Camera | None, options: BuildOptions, progress: _Progress) -> BuildResult:
     progress(BuildStage.DECODING, 0.0)
     try:
         properties = probe(video)
@@ -110,21 +126,35 @@ def _build(video: Path, camera: Camera, options: BuildOptions, progress: _Progre
                 BuildStatus.TOO_LONG,
                 f"the video lasts {properties.seconds:.0f} s; at most {options.max_seconds:.0f} s are taken",
             )
-        upright = _upright(camera, properties.width, properties.height, properties.quarter_turns)
-        if upright is None:
-            return _failed(
-                BuildStatus.CAMERA_MISMATCH,
-                f"the camera is described for {camera.width}x{camera.height} pixels, "
-                f"the video has {properties.width}x{properties.height}",
-            )
-        rectifier = Rectifier(upright)
+        size = (properties.width, properties.height)
+        source = typical_camera(*size)
+        if camera is not None:
+            upright = _upright(camera, *size, properties.quarter_turns)
+            if upright is None:
+                return _failed(
+                    BuildStatus.CAMERA_MISMATCH,
+                    f"the camera is described for {camera.width}x{camera.height} pixels, "
+                    f"the video has {properties.width}x{properties.height}",
+                )
+            source = upright
+        rectifier = Rectifier(source)
         expected = max(1.0, properties.seconds * FRAME_RATE)
         extractor = OrbExtractor(options.extraction)
         tracker = FeatureTracker(extractor, options.tracker)
-        walk = _Walk(rectifier.target, extractor, options)
-        for count, frame in enumerate(
-            follow_features(_rectified(video, rectifier), rectifier.target, tracker)
-        ):
+        frames = follow_features(_rectified(video, rectifier), rectifier.target, tracker)
+        lens, first = rectifier.target, list[WalkFrame]()
+        origin = CameraSource.GIVEN
+        if camera is None:
+            first, found = learn_lens(
+                frames,
+                rectifier.target,
+                extractor.scale_factor,
+                options.calibration,
+                lambda done: progress(BuildStage.CALIBRATING, done),
+            )
+            lens, origin = (found, CameraSource.ESTIMATED) if found else (lens, CameraSource.ASSUMED)
+        walk = _Walk(rectifier, lens, origin, extractor, options)
+        for count, frame in enumerate(chain(first, frames)):
             walk.take(frame)
             if frame.time > options.max_seconds:
                 return _failed(BuildStatus.TOO_LONG, f"the video lasts over {options.max_seconds:.0f} s")
@@ -160,10 +190,20 @@ def _rectified(video: Path, rectifier: Rectifier) -> Iterator[VideoFrame]:
 class _Walk:
     """The state of one build while its frames come in."""
 
-    def __init__(self, camera: Camera, extractor: OrbExtractor, options: BuildOptions) -> None:
+    def __init__(
+        self,
+        rectifier: Rectifier,
+        lens: Camera,
+        origin: CameraSource,
+        extractor: OrbExtractor,
+        options: BuildOptions,
+    ) -> None:
         self.options = options
         self.extractor = extractor
-        self.camera = camera
+        self.rectifier = rectifier
+        self.lenses = [lens]
+        self.origin = origin
+        self.camera = square_pixels(lens)
         self.frames: list[WalkFrame] = []
         self.parts = [self._odometry()]
         self.answers: list[TrackedFrame] = []
@@ -175,6 +215,8 @@ class _Walk:
         return VisualOdometry(self.camera, self.extractor.scale_factor, self.options.odometry)
 
     def take(self, frame: WalkFrame) -> None:
+        before = self.frames[-1] if self.frames else None
+        frame = straightened(frame, before, self.lenses[0], self.camera)
         self.frames.append(frame)
         answer = self.parts[-1].process(len(self.frames) - 1, frame.features)
         self.answers.append(answer)
@@ -208,7 +250,7 @@ class _Walk:
                 return self._torn(report, maps, (blind[0], blind[1]))
         close_map(working, options.joining.revisits)
         progress(BuildStage.REFINING, 0.0)
-        refine_globally(working, options.refinement)
+        self._refine(working)
         progress(BuildStage.FINISHING, 0.0)
         located = locate_frames(
             working,
@@ -230,6 +272,43 @@ class _Walk:
         )
         progress(BuildStage.FINISHING, 1.0)
         return BuildResult(BuildStatus.READY, route_map, report)
+
+    def _refine(self, working: WorkingMap) -> None:
+        """Adjust the whole walk, and its lens with it where the walk tells what that is."""
+        vote = vote_focal(
+            [frame.features for frame in self.frames], self.camera, self.options.calibration.vote
+        )
+        # Intrinsics that were given are only given up for ones that are clearly others.
+        tolerance = self.options.lens_tolerance if self.origin is CameraSource.GIVEN else 0.0
+        before = working.camera
+        refine_globally(
+            working,
+            replace(self.options.refinement, free_lens=vote.decided, lens_tolerance=tolerance),
+        )
+        if working.camera == before:
+            return
+        lens, ideal = working.camera, square_pixels(working.camera)
+        straight: list[WalkFrame] = []
+        for frame in self.frames:
+            straight.append(straightened(frame, straight[-1] if straight else None, lens, ideal))
+        self.frames = straight
+        working.straighten(ideal)
+        self.camera = ideal
+        self.lenses.append(lens)
+        self.origin = CameraSource.REFINED if self.origin is CameraSource.GIVEN else CameraSource.ESTIMATED
+
+    def _source_camera(self) -> Camera:
+        """The camera of the upright video's pictures as the walk was mapped with."""
+        source, target = self.rectifier.source, self.rectifier.target
+        if self.origin is CameraSource.GIVEN:
+            return source
+        u, v = (np.linspace(0.0, side, 13) for side in (target.width, target.height))
+        pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+        taken = source.project_rays(target.normalize(pixels))
+        for lens in self.lenses:
+            rays = lens.normalize(pixels)
+            pixels = square_pixels(lens).project_rays(rays)
+        return fitted_camera(taken, rays, source)
 
     def quality(self, route_map: RouteMap | None) -> QualityReport:
         """The quality report of the finished walk."""
@@ -292,6 +371,8 @@ class _Walk:
             landmarks=int(working.alive.sum()),
             video_seconds=report.video_seconds,
             lost=lost,
+            camera=self._source_camera(),
+            camera_source=self.origin,
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -69,6 +69,22 @@ def follow_features(
         while (current := ahead.result()) is not None:
             ahead = pool.submit(step)
             yield current
+
+
+def straightened(frame: WalkFrame, before: WalkFrame | None, lens: Camera, ideal: Camera) -> WalkFrame:
+    """A frame taken through ``lens`` as the pinhole camera ``ideal`` would have seen it.
+
+    Args:
+        before: the frame before, straightened already; None at the start.
+    """
+    if lens == ideal:
+        return frame
+    features = frame.features
+    if len(features):
+        pixels = ideal.project_rays(lens.normalize(features.features.pixels))
+        features = replace(features, features=replace(features.features, pixels=pixels))
+    turn = frame.turn if before is None else _turn(before.features, features, ideal)
+    return replace(frame, features=features, turn=turn)
 
 
 def _thumbnail(image: NDArray[np.uint8]) -> bytes:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from server.geometry.cameras import Camera, CameraModel, InvalidCameraError
 from server.geometry.poses import SE3
 from server.mapping.working_map import WorkingMap
 
@@ -26,6 +27,9 @@ class RefinementOptions:
         min_observations: keyframes that must see a landmark.
         min_parallax: widest angle at a landmark below which its depth is a guess, radians.
         threads: solver threads, -1 for all cores.
+        free_lens: whether focal length and radial distortion are adjusted too.
+        lens_tolerance: relative displacement of pixels, from the principal point to the corners, up to which
+            the lens of before is believed rather than what the first adjustment makes of it.
     """
 
     rounds: int = 2
@@ -35,21 +39,46 @@ class RefinementOptions:
     min_observations: int = 3
     min_parallax: float = float(np.deg2rad(1.0))
     threads: int = -1
+    free_lens: bool = False
+    lens_tolerance: float = 0.0
 
 
 def refine_globally(working: WorkingMap, options: RefinementOptions | None = None) -> None:
     """Adjust all keyframes and landmarks of a map together, and drop what does not fit.
 
     The frame and the scale stay those of the first two keyframes only up to the solver's gauge:
-    nothing outside the map may rely on absolute values before this has run.
+    nothing outside the map may rely on absolute values before this has run. With a free lens the
+    map's camera is a RADIAL one afterwards, of the same pixels.
     """
     options = options or RefinementOptions()
+    before = working.camera
+    if options.free_lens:
+        working.camera = _radial(before)
     for round_number in range(options.rounds):
         _drop_weak(working, options.min_observations if round_number else 2)
         _adjust(working, options)
+        if round_number == 0 and _displacement(working.camera, before) <= options.lens_tolerance:
+            working.camera = before
+            options = replace(options, free_lens=False)
         _drop_outliers(working, options.max_error)
     _drop_weak(working, options.min_observations)
     _drop_flat(working, options.min_parallax)
+
+
+def _radial(camera: Camera) -> Camera:
+    """The RADIAL camera without distortion that a camera of square pixels is."""
+    return Camera(
+        CameraModel.RADIAL, camera.width, camera.height, (camera.focal[0], *camera.centre, 0.0, 0.0)
+    )
+
+
+def _displacement(lens: Camera, other: Camera) -> float:
+    """How far two lenses see the same rays apart, at most, as a share of the distance from the centre."""
+    reach = np.hypot(other.width, other.height) / 2
+    across = other.centre[0] + reach * np.linspace(0.1, 1.0, 10)
+    pixels = np.column_stack([across, np.full(10, other.centre[1])])
+    moved = lens.project_rays(other.normalize(pixels)) - pixels
+    return float((np.linalg.norm(moved, axis=1) / (reach * np.linspace(0.1, 1.0, 10))).max())
 
 
 def _adjust(working: WorkingMap, options: RefinementOptions) -> None:
@@ -81,9 +110,9 @@ def _adjust(working: WorkingMap, options: RefinementOptions) -> None:
         for landmark, track in tracks.items()
     }
     adjustment = pycolmap.BundleAdjustmentOptions()
-    adjustment.refine_focal_length = False
+    adjustment.refine_focal_length = options.free_lens
     adjustment.refine_principal_point = False
-    adjustment.refine_extra_params = False
+    adjustment.refine_extra_params = options.free_lens
     adjustment.print_summary = False
     adjustment.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     adjustment.ceres.loss_function_scale = options.loss_scale
@@ -93,6 +122,11 @@ def _adjust(working: WorkingMap, options: RefinementOptions) -> None:
     # Information and warnings of the solver are about its own steps; what counts is checked below.
     pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
     pycolmap.bundle_adjustment(reconstruction, adjustment)
+    if options.free_lens:
+        lens = Camera(
+            camera.model, camera.width, camera.height, tuple(map(float, reconstruction.camera(1).params))
+        )
+        working.camera = lens if _is_a_lens(lens) else camera
     for k, kf in enumerate(working.keyframes):
         refined = reconstruction.image(k + 1).cam_from_world()
         kf.camera_from_world = SE3.from_quaternion(refined.rotation.quat, refined.translation)
@@ -100,6 +134,14 @@ def _adjust(working: WorkingMap, options: RefinementOptions) -> None:
         # Points behind their cameras are gone from the solver's model; they are dropped as outliers here.
         if reconstruction.exists_point3D(point_id):
             working.position[landmark] = reconstruction.point3D(point_id).xyz
+
+
+def _is_a_lens(camera: Camera) -> bool:
+    try:
+        camera.check()
+    except InvalidCameraError:
+        return False
+    return True
 
 
 def _drop_outliers(working: WorkingMap, max_error: float) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from server.geometry.cameras import Camera
 from server.mapping.quality import QualityReport
 from server.mapping.route_map import RouteMap
 
@@ -14,6 +15,7 @@ class BuildStage(StrEnum):
     """Stages of a build, in order."""
 
     DECODING = "decoding"
+    CALIBRATING = "calibrating"
     TRACKING = "tracking"
     CLOSING = "closing"
     REFINING = "refining"
@@ -44,6 +46,15 @@ class BuildStatus(StrEnum):
     TRACKING_LOST = "tracking_lost"
 
 
+class CameraSource(StrEnum):
+    """Where the intrinsics that a map was built with come from."""
+
+    GIVEN = "given"
+    REFINED = "refined"
+    ESTIMATED = "estimated"
+    ASSUMED = "assumed"
+
+
 @dataclass(frozen=True, slots=True)
 class BuildReport:
     """Figures of a build.
@@ -53,6 +64,9 @@ class BuildReport:
         tracked_frames: of these, the ones whose pose rests on their own 2D-3D inliers.
         video_seconds: length of the video.
         lost: intervals (start, end) of the video in seconds without a tracked frame.
+        camera: of the upright video's pictures, as the walk was mapped with; None where no walk was mapped.
+        camera_source: whether it is as given, given and refined by the walk, estimated from the walk alone,
+            or assumed because the walk does not tell it.
     """
 
     frames: int = 0
@@ -61,6 +75,8 @@ class BuildReport:
     landmarks: int = 0
     video_seconds: float = 0.0
     lost: tuple[tuple[float, float], ...] = ()
+    camera: Camera | None = None
+    camera_source: CameraSource = CameraSource.GIVEN
 
 
 @dataclass(frozen=True, slots=True)

@@ -136,6 +136,13 @@ class WorkingMap:
             seen = kf.matched
             kf.landmark[seen[~self.alive[kf.landmark[seen]]]] = NO_LANDMARK
 
+    def straighten(self, ideal: Camera) -> None:
+        """Turn all pixels into those of an ideal pinhole camera, which becomes the map's camera."""
+        for kf in self.keyframes:
+            pixels = ideal.project_rays(self.camera.normalize(kf.features.pixels))
+            kf.features = replace(kf.features, pixels=pixels)
+        self.camera = ideal
+
     def absorb(self, other: WorkingMap, self_from_other: Sim3) -> int:
         """Take all of another map, mapped by a similarity; returns the offset of its landmarks' ids.
 

@@ -18,6 +18,7 @@ from server.features.retrieval import PlaceIndex, RetrievalOptions
 from server.geometry.absolute_pose import PoseEstimate, ransac_pose, refine_pose
 from server.geometry.cameras import Camera, occupied_cells
 from server.geometry.poses import SE3
+from server.geometry.resection import LensPrior, View, resect
 from server.mapping.route_map import RouteMap
 from server.navigation.updates import Fix, Refusal, RefusalReason
 
@@ -35,6 +36,8 @@ class EvidenceNeeded:
         precision: least share of the landmarks matched near their prediction that agree: at a wrong
             pose chance matches are as many as ever, and few of them agree.
         sigma: greatest standard deviation of the camera centre over the median depth.
+        recall: least share of the landmarks that should be in the picture that agree: a door or a poster
+            of the same make agrees alone, and nothing around it does.
         reach: share of a follower's possible motion since the last fix that is believed.
     """
 
@@ -42,6 +45,7 @@ class EvidenceNeeded:
     cells: int
     precision: float
     sigma: float
+    recall: float
     reach: float = 1.0
 
 
@@ -76,8 +80,10 @@ class RelocalizerOptions:
     max_error: float = 5.0
     pixel_sigma: float = 1.5
     min_features: int = 30
-    alone: EvidenceNeeded = field(default_factory=lambda: EvidenceNeeded(30, 12, 0.5, 0.009))
-    expected: EvidenceNeeded = field(default_factory=lambda: EvidenceNeeded(20, 8, 0.45, 0.015, reach=0.5))
+    alone: EvidenceNeeded = field(default_factory=lambda: EvidenceNeeded(30, 12, 0.5, 0.009, 0.03))
+    expected: EvidenceNeeded = field(
+        default_factory=lambda: EvidenceNeeded(20, 8, 0.45, 0.015, 0.02, reach=0.5)
+    )
     speed: float = 3.0
     turn_rate: float = math.radians(150.0)
     slack_length: float = 0.6
@@ -89,19 +95,38 @@ class Evidence:
     """What speaks for a pose.
 
     Attributes:
-        inliers: matches that agree; matches: matches near their prediction.
+        view: the matches that agree; camera: the pinhole camera they were found with.
+        inliers: their number; matches: matches near their prediction; expected: landmarks that should be
+            in the picture.
         cells: of 8 x 6 image cells, how many hold an inlier.
         sigma: standard deviation of the camera centre over the median depth of the inliers.
         depth: that depth, map units.
     """
 
     estimate: PoseEstimate
+    view: View
+    camera: Camera
+    expected: int
     inliers: int
     matches: int
     cells: int
     sigma: float
     depth: float
     keyframe: int
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sighting:
+    """A fix and what it rests on.
+
+    Attributes:
+        view: the landmarks seen and the pixels they were seen at.
+        camera: the pinhole camera of these pixels.
+    """
+
+    fix: Fix
+    view: View
+    camera: Camera
 
 
 class Relocalizer:
@@ -136,20 +161,23 @@ class Relocalizer:
         *,
         elapsed: float = 0.0,
         trusted: bool = False,
-    ) -> Fix | Refusal:
+        focal_factors: tuple[float, ...] = (1.0,),
+    ) -> Sighting | Refusal:
         """The pose of a picture with the given features of a rectified (pinhole) camera.
 
         Args:
             prior: world_from_camera of a recent fix: where to look first.
             elapsed: seconds since that fix.
             trusted: whether that fix may speak for a pose that the picture alone does not prove.
+            focal_factors: focal lengths that are possible, as factors of the camera's; with more than
+                one, the one that explains most is adjusted together with the pose.
         """
         options = self.options
         if len(features) < options.min_features:
             return Refusal(RefusalReason.TOO_FEW_FEATURES)
         best: Evidence | None = None
         if prior is not None:
-            best = self._try(features, camera, self.nearest_keyframe(prior))
+            best = self._try(features, camera, self.nearest_keyframe(prior), focal_factors)
             if best is not None:
                 for needed, strong in ((options.alone, True), (options.expected, False)):
                     admitted = strong or trusted
@@ -158,10 +186,10 @@ class Relocalizer:
                         and self._enough(best, needed)
                         and self._reachable(best, prior, elapsed, needed)
                     ):
-                        return self._fix(best, strong=strong)
+                        return self._sighting(best, strong=strong)
         candidates = self._places.query(features.descriptors, options.candidates)
         for candidate in candidates:
-            evidence = self._try(features, camera, candidate.keyframe)
+            evidence = self._try(features, camera, candidate.keyframe, focal_factors)
             if evidence is not None and (best is None or evidence.inliers > best.inliers):
                 best = evidence
             if best is not None and best.inliers >= 3 * options.alone.inliers:
@@ -173,7 +201,7 @@ class Relocalizer:
             # Enough matches that agree but lie in one corner, or far away, leave the pose open.
             reason = RefusalReason.TOO_FEW_INLIERS if few else RefusalReason.AMBIGUOUS
             return Refusal(reason, best.inliers)
-        return self._fix(best, strong=True)
+        return self._sighting(best, strong=True)
 
     def nearest_keyframe(self, world_from_camera: SE3) -> int:
         """The keyframe whose view is nearest to a pose: place and heading together.
@@ -190,6 +218,7 @@ class Relocalizer:
             evidence.inliers >= needed.inliers
             and evidence.cells >= needed.cells
             and evidence.inliers >= needed.precision * evidence.matches
+            and evidence.inliers >= needed.recall * evidence.expected
             and evidence.sigma <= needed.sigma
         )
 
@@ -203,8 +232,8 @@ class Relocalizer:
         angle = options.slack_angle + options.turn_rate * elapsed
         return moved <= needed.reach * length and pose.angle_to(prior) <= needed.reach * angle
 
-    def _fix(self, evidence: Evidence, *, strong: bool) -> Fix:
-        return Fix(
+    def _sighting(self, evidence: Evidence, *, strong: bool) -> Sighting:
+        fix = Fix(
             world_from_camera=evidence.estimate.camera_from_world.inverse(),
             covariance=evidence.estimate.covariance,
             inliers=evidence.inliers,
@@ -212,6 +241,7 @@ class Relocalizer:
             keyframe=evidence.keyframe,
             strong=strong,
         )
+        return Sighting(fix, evidence.view, evidence.camera)
 
     def _local(self, keyframe: int) -> tuple[Ids, NDArray[np.uint8]]:
         """Landmarks that the keyframes around one see, each with its look in the nearest of them."""
@@ -223,7 +253,9 @@ class Relocalizer:
         landmarks, first = np.unique(observations.landmark[rows], return_index=True)
         return landmarks.astype(np.intp), np.asarray(observations.descriptor[rows[first]])
 
-    def _try(self, features: Features, camera: Camera, keyframe: int) -> Evidence | None:
+    def _try(
+        self, features: Features, camera: Camera, keyframe: int, focal_factors: tuple[float, ...]
+    ) -> Evidence | None:
         """The best pose in the neighbourhood of a keyframe."""
         options = self.options
         local, look = self._local(keyframe)
@@ -235,18 +267,39 @@ class Relocalizer:
         )
         if len(pairs) < 8:
             return None
-        found = ransac_pose(
-            self._position[local[pairs.b]], features.pixels[pairs.a], camera, max_error=options.max_error
-        )
-        if found is None or found[1].sum() < 8:
+        points, pixels = self._position[local[pairs.b]], features.pixels[pairs.a]
+        start = self._start(points, pixels, camera, focal_factors)
+        if start is None:
             return None
-        pose = found[0]
+        pose, camera = start
         evidence = self._guided(features, camera, local, look, pose)
         if evidence is not None and self._moved(evidence.estimate.camera_from_world, pose, evidence.depth):
             # Predictions were off: some of the landmarks were looked for in the wrong place.
             pose = evidence.estimate.camera_from_world
             evidence = self._guided(features, camera, local, look, pose)
         return evidence
+
+    def _start(
+        self, points: Array, pixels: Array, camera: Camera, focal_factors: tuple[float, ...]
+    ) -> tuple[SE3, Camera] | None:
+        """A first pose from matches, and the focal length with which most of them agree."""
+        options = self.options
+        best: tuple[SE3, Camera, NDArray[np.bool_]] | None = None
+        for factor in focal_factors:
+            candidate = camera.with_focal(factor * camera.focal[0])
+            found = ransac_pose(points, pixels, candidate, max_error=options.max_error)
+            if found is not None and (best is None or found[1].sum() > best[2].sum()):
+                best = (found[0], candidate, found[1])
+        if best is None or best[2].sum() < 8:
+            return None
+        pose, camera, inliers = best
+        if len(focal_factors) > 1:
+            sigmas = np.full(int(inliers.sum()), 0.5 * options.max_error)
+            view = View(pose, points[inliers], pixels[inliers], sigmas)
+            found_lens = resect([view], LensPrior(camera, 0.15, 1e-3))
+            if found_lens is not None:
+                pose, camera = found_lens.poses[0], camera.with_focal(found_lens.camera.focal[0])
+        return pose, camera
 
     def _moved(self, pose: SE3, before: SE3, depth: float) -> bool:
         """Whether two poses show the scene more than half a search radius apart."""
@@ -308,8 +361,17 @@ class Relocalizer:
         depth = float(
             np.median((estimate.camera_from_world @ self._position[chosen[estimate.inliers]])[:, 2])
         )
+        agree = estimate.inliers
         return Evidence(
             estimate=estimate,
+            view=View(
+                estimate.camera_from_world,
+                self._position[chosen[agree]],
+                features.pixels[matches.b[agree]],
+                sigmas[agree],
+            ),
+            camera=camera,
+            expected=len(local),
             inliers=int(estimate.inliers.sum()),
             matches=len(matches),
             cells=occupied_cells(features.pixels[matches.b[estimate.inliers]], camera),

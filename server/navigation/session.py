@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.features.extraction import OrbExtractor, OrbOptions
-from server.geometry.cameras import Camera, Rectifier
+from server.geometry.cameras import Camera, Rectifier, typical_camera
 from server.geometry.poses import SE3
 from server.mapping.route_map import RouteMap
 from server.navigation.guidance import GuidanceOptions, Guide, Progress
+from server.navigation.lens import LensBelief, LensEstimator, LensOptions
 from server.navigation.relocalizer import Relocalizer, RelocalizerOptions
 from server.navigation.updates import Fix, Guidance, Instruction, NavigationState, Refusal, Update
 
@@ -22,7 +23,7 @@ class NavigationOptions:
     """Settings of :class:`NavigationSession`.
 
     Attributes:
-        extraction, relocalizer, guidance: settings of the parts.
+        extraction, relocalizer, lens, guidance: settings of the parts.
         prior_seconds: how long a fix tells where to look next; trust_seconds: how long a fix that the
             picture alone proved lets expected poses pass on less.
         guidance_seconds: how long guidance holds without a new fix: shorter than a turn takes.
@@ -31,6 +32,7 @@ class NavigationOptions:
 
     extraction: OrbOptions = field(default_factory=lambda: OrbOptions(count=1000))
     relocalizer: RelocalizerOptions = field(default_factory=RelocalizerOptions)
+    lens: LensOptions = field(default_factory=LensOptions)
     guidance: GuidanceOptions = field(default_factory=GuidanceOptions)
     prior_seconds: float = 1.5
     trust_seconds: float = 3.0
@@ -48,6 +50,7 @@ class SessionSnapshot:
         trusted_time: capture time of the last fix that the picture alone proved, seconds.
         progress: along the route.
         instruction: the last one given.
+        lens: what was learnt of the phone's lens.
     """
 
     state: NavigationState = NavigationState.SEARCHING
@@ -57,6 +60,7 @@ class SessionSnapshot:
     trusted_time: float = -1e9
     progress: Progress | None = None
     instruction: Instruction | None = None
+    lens: LensBelief | None = None
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON values."""
@@ -70,6 +74,7 @@ class SessionSnapshot:
             if self.progress is None
             else [self.progress.length, self.progress.time, self.progress.doubted],
             "instruction": None if self.instruction is None else str(self.instruction),
+            "lens": None if self.lens is None else self.lens.to_json(),
         }
 
     @staticmethod
@@ -93,6 +98,7 @@ class SessionSnapshot:
                 float(progress[0]), float(progress[1]), None if progress[2] is None else float(progress[2])
             ),
             instruction=None if instruction is None else Instruction(instruction),
+            lens=None if document["lens"] is None else LensBelief.from_json(document["lens"]),
         )
 
     @property
@@ -107,12 +113,15 @@ class NavigationSession:
     """Guides one follower along one route.
 
     The same frames with the same times always give the same updates.
+
+    Args:
+        camera: of the phone; None if nobody knows: then the first fixes tell it.
     """
 
     def __init__(
         self,
         route_map: RouteMap,
-        camera: Camera,
+        camera: Camera | None,
         options: NavigationOptions | None = None,
         snapshot: SessionSnapshot | None = None,
     ) -> None:
@@ -123,7 +132,8 @@ class NavigationSession:
         )
         self._guide = Guide(route_map, self.options.guidance)
         self._camera = camera
-        self._rectifier = Rectifier(camera)
+        self._rectifier: Rectifier | None = None
+        self._lens: LensEstimator | None = None
         self._memory = snapshot or SessionSnapshot()
         self._guidance: Guidance | None = None
 
@@ -135,36 +145,74 @@ class NavigationSession:
         """The answer to one frame.
 
         Args:
-            image: (H, W) grey picture of the phone's camera, of its size or scaled.
+            image: (H, W) grey picture of the phone's camera, of its size or scaled, upright or turned by
+                a quarter with the phone.
             capture_time: seconds on the phone's clock.
 
         Raises:
             ValueError: the picture has another shape than the camera's.
         """
         memory = self._memory
-        rectified = self._rectified(image)
-        features = self._extractor.extract(rectified)
+        rectifier = self._rectifier_of(image)
+        features = self._extractor.extract(rectifier(image))
         since_fix = capture_time - memory.fix_time
         prior = memory.world_from_camera if abs(since_fix) <= self.options.prior_seconds else None
         trusted = prior is not None and capture_time - memory.trusted_time <= self.options.trust_seconds
+        lens = self._lens_of(rectifier.target)
+        ideal = lens.belief.camera.pinhole_part()
+        straight = replace(features, pixels=lens.belief.camera.straightened(features.pixels))
         answer = self._relocalizer.locate(
-            features, self._rectifier.target, prior, elapsed=max(since_fix, 0.0), trusted=trusted
+            straight,
+            ideal,
+            prior,
+            elapsed=max(since_fix, 0.0),
+            trusted=trusted,
+            focal_factors=lens.focal_factors,
         )
-        if isinstance(answer, Fix):
-            return self._fixed(answer, capture_time, sequence)
-        return self._refused(answer, capture_time, sequence)
+        if isinstance(answer, Refusal):
+            return self._refused(answer, capture_time, sequence)
+        fix = lens.widened(answer.fix, answer.view)
+        if fix.strong:
+            raw = lens.belief.camera.project_rays(ideal.normalize(answer.view.pixels))
+            lens.learn(replace(answer.view, pixels=raw))
+        return self._fixed(fix, capture_time, sequence)
 
-    def _rectified(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def _lens_of(self, pictures: Camera) -> LensEstimator:
+        """What estimates the lens of rectified pictures.
+
+        Args:
+            pictures: their camera as far as it was told, or a guess.
+        """
+        size = (pictures.width, pictures.height)
+        known = self._memory.lens if self._lens is None else self._lens.belief
+        if self._lens is not None and (self._lens.width, self._lens.height) == size:
+            return self._lens
+        same = None if known is None else known.resized(*size)
+        if same is None:
+            self._lens = LensEstimator.start(pictures, self._camera is not None, self.options.lens)
+        else:
+            self._lens = LensEstimator(same, self.options.lens)
+        return self._lens
+
+    def _rectifier_of(self, image: NDArray[np.uint8]) -> Rectifier:
         height, width = image.shape
-        source = self._rectifier.source
-        if (width, height) != (source.width, source.height):
-            if abs(width / height - self._camera.width / self._camera.height) > 0.01:
-                raise ValueError(
-                    f"the frame is {width}x{height}, the camera was described as "
-                    f"{self._camera.width}x{self._camera.height}"
-                )
-            self._rectifier = Rectifier(self._camera.scaled(width, height))
-        return self._rectifier(image)
+        rectifier = self._rectifier
+        if rectifier is None or (width, height) != (rectifier.source.width, rectifier.source.height):
+            rectifier = self._rectifier = Rectifier(self._source(width, height))
+        return rectifier
+
+    def _source(self, width: int, height: int) -> Camera:
+        """The camera of pictures of some size."""
+        if self._camera is None:
+            return typical_camera(width, height)
+        # A phone that is turned on its side may turn its pictures with it.
+        for camera in (self._camera, self._camera.rotated(1)):
+            if abs(width / height - camera.width / camera.height) <= 0.01:
+                return camera.scaled(width, height)
+        raise ValueError(
+            f"the frame is {width}x{height}, the camera was described as "
+            f"{self._camera.width}x{self._camera.height}"
+        )
 
     def _fixed(self, fix: Fix, time: float, sequence: int) -> Update:
         pose, memory = fix.world_from_camera, self._memory
@@ -186,6 +234,7 @@ class NavigationSession:
             trusted_time=time if fix.strong else memory.trusted_time,
             progress=progress,
             instruction=memory.instruction if self._guidance is None else self._guidance.instruction,
+            lens=None if self._lens is None else self._lens.belief,
         )
         return Update(sequence, time, state, fix, None, self._guidance)
 
