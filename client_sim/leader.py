@@ -42,7 +42,6 @@ async def lead(
     Raises:
         RouteFailedError: the map could not be built.
         ServiceRefusedError, ServiceUnreachableError: as :class:`ServiceClient`.
-        WalkError: the walk's camera is unknown, and the service does without none.
     """
     route = await service.create(
         CreateRoute(
@@ -54,9 +53,7 @@ async def lead(
     )
     if walk.camera is not None:
         await service.put_camera(route.id, walk.camera)
-    uploaded = await service.put_video(route.id, walk.video, on_bytes)
-    if walk.camera is None and uploaded.state == "created":
-        raise WalkError(f"{walk.video}: the service needs its camera: give the JSON file that describes it")
+    await service.put_video(route.id, walk.video, on_bytes)
     return await wait_until_ready(service, route.id, options.poll_s, on_build)
 
 

@@ -51,7 +51,7 @@ class Walk:
 
     @staticmethod
     def from_folder(folder: Path) -> Walk:
-        """A walk folder: ``video.mp4``, ``camera.json`` and, if recorded, ``sensors.jsonl``.
+        """A walk folder: ``video.mp4`` and, where there are any, ``camera.json`` and ``sensors.jsonl``.
 
         Raises:
             WalkError: a file is missing or not understood.
@@ -59,7 +59,10 @@ class Walk:
         if not folder.is_dir():
             raise WalkError(f"{folder}: no such folder")
         sensors = folder / "sensors.jsonl"
-        walk = Walk.from_files(folder / "video.mp4", folder / "camera.json", folder.resolve().name)
+        camera = folder / "camera.json"
+        walk = Walk.from_files(
+            folder / "video.mp4", camera if camera.exists() else None, folder.resolve().name
+        )
         return Walk(walk.name, walk.video, walk.camera, sensors if sensors.is_file() else None)
 
     @staticmethod

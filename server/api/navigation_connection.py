@@ -201,14 +201,9 @@ class NavigationConnection:
     async def _session(
         self, owner: str, route: RouteRecord, hello: Hello, attachment: Attachment
     ) -> tuple[LiveSession, bool]:
-        if hello.camera is None:
-            raise EndConnection(
-                CloseCode.BAD_CAMERA,
-                ErrorCode.CAMERA_REQUIRED,
-                "the service cannot find out a camera's intrinsics by itself yet: send them",
-            )
+        described = None if hello.camera is None else hello.camera.model_dump()
         try:
-            camera = await self._navigation.check_camera(hello.camera.model_dump(), hello.orientation)
+            camera = await self._navigation.check_camera(described, hello.orientation)
             if hello.resume_token is not None:
                 session = self._navigation.resume(
                     hello.resume_token, owner, route.id, camera, hello.orientation, attachment

@@ -25,7 +25,7 @@ from server.navigation.session import NavigationSession
 JPEG_QUALITY = 90
 
 
-def build_map(video: Path, camera: Camera, map_file: Path, report: Callable[[float], None]) -> BuildFigures:
+def build_map(video: Path, camera: Camera | None, map_file: Path, report: Callable[[float], None]) -> BuildFigures:
     """Build a route map from a leader's video and write it to ``map_file``; ``report`` gets 0 to 1."""
     started = time.perf_counter()
     result = build_route_map(video, camera, on_progress=lambda progress: report(progress.fraction))
@@ -43,7 +43,7 @@ def build_map(video: Path, camera: Camera, map_file: Path, report: Callable[[flo
 
 
 def follow_route(
-    map_file: Path, video: Path, camera: Camera, report: Callable[[int], None]
+    map_file: Path, video: Path, camera: Camera | None, report: Callable[[int], None]
 ) -> list[AnsweredFrame]:
     """Send a follower's frames at 10 fps through one session, in order, on one thread.
 

@@ -76,6 +76,7 @@ class Walk:
 
     Attributes:
         folder: where it lies; its last component is the walk's name.
+        camera: None if nobody knows it.
         truth: one row a frame of the video.
         world: the building's name; walks of another world share no place with it.
         real: recorded, not rendered; then the truth may be of another, rigidly mounted camera.
@@ -84,7 +85,7 @@ class Walk:
     """
 
     folder: Path
-    camera: Camera
+    camera: Camera | None
     truth: Trajectory
     world: str
     real: bool = False
@@ -164,10 +165,12 @@ def read_walk(folder: Path) -> Walk:
         raise WalkError(f"{folder}: no such folder")
     if not (folder / "video.mp4").is_file():
         raise WalkError(f"{folder / 'video.mp4'}: missing")
-    try:
-        camera = Camera.from_json(_read_json(folder / "camera.json"))
-    except InvalidCameraError as error:
-        raise WalkError(f"{folder / 'camera.json'}: {error}") from error
+    camera = None
+    if (folder / "camera.json").exists():
+        try:
+            camera = Camera.from_json(_read_json(folder / "camera.json"))
+        except InvalidCameraError as error:
+            raise WalkError(f"{folder / 'camera.json'}: {error}") from error
     meta = _read_json(folder / "meta.json")
     interval = meta.get("off_route_frames")
     off_route = None

@@ -34,11 +34,12 @@ class CameraDescription(BaseModel):
     """Intrinsics of a camera, models and parameter order as in COLMAP.
 
     Attributes:
-        model: ``PINHOLE`` or ``OPENCV``.
+        model: by its COLMAP name, one of those below.
         width: of the stored picture, pixels.
         height: of the stored picture, pixels.
-        params: pixels; PINHOLE: fx, fy, cx, cy; OPENCV: fx, fy, cx, cy, k1, k2, p1, p2. The centre
-            of the first pixel is (0.5, 0.5).
+        params: pixels; PINHOLE: fx, fy, cx, cy; SIMPLE_PINHOLE: f, cx, cy; SIMPLE_RADIAL: f, cx, cy, k;
+            RADIAL: f, cx, cy, k1, k2; OPENCV: fx, fy, cx, cy, k1, k2, p1, p2; OPENCV_FISHEYE: fx, fy, cx, cy,
+            k1, k2, k3, k4. The centre of the first pixel is (0.5, 0.5).
         fps: as recorded; not used.
     """
 
@@ -128,6 +129,9 @@ class QualityReport(BaseModel):
         video_s: seconds of video.
         lost: where the camera could not be followed.
         build_s: seconds that the build took.
+        camera: of the upright video's pictures, as the walk was mapped with; null where none was mapped.
+        camera_source: ``given`` as it was sent, ``refined`` by the walk, ``estimated`` from the walk alone,
+            ``assumed`` where nothing tells it.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -139,6 +143,8 @@ class QualityReport(BaseModel):
     video_s: float
     lost: tuple[LostInterval, ...]
     build_s: float
+    camera: CameraDescription | None = None
+    camera_source: Literal["given", "refined", "estimated", "assumed"] = "given"
 
 
 class MapSummary(BaseModel):

@@ -38,7 +38,7 @@ class BuildOrder:
     route_id: UUID
     attempt: int
     video: Path
-    camera: Mapping[str, Any]
+    camera: Mapping[str, Any] | None
     measured_length_m: float | None
     folder: Path
 

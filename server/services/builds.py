@@ -45,8 +45,8 @@ class BuildService:
             route = await unit.builds.get(job.route_id)
             if route is None or route.state not in UNFINISHED:
                 return None
-            if route.camera is None or route.video_key is None:
-                raise RuntimeError(f"route {route.id} is {route.state} without video or camera")
+            if route.video_key is None:
+                raise RuntimeError(f"route {route.id} is {route.state} without a video")
             if route.build_attempt >= self._max_attempts:
                 await unit.builds.change(
                     route.id,

@@ -44,7 +44,7 @@ class Pool(Protocol):
         self,
         session: str,
         map_file: str,
-        camera: Mapping[str, Any],
+        camera: Mapping[str, Any] | None,
         orientation: int,
         snapshot: Any | None = None,
     ) -> None:
@@ -111,7 +111,7 @@ class LiveSession:
     token: str
     owner: str
     route_id: UUID
-    camera: Mapping[str, Any]
+    camera: Mapping[str, Any] | None
     orientation: int
     clock: PhoneClock = field(default_factory=PhoneClock)
     frames: FrameTally = field(default_factory=FrameTally)
@@ -163,13 +163,17 @@ class NavigationService:
     def __len__(self) -> int:
         return len(self._sessions)
 
-    async def check_camera(self, camera: Mapping[str, Any], orientation: int) -> Mapping[str, Any]:
-        """The camera in its normal form.
+    async def check_camera(
+        self, camera: Mapping[str, Any] | None, orientation: int
+    ) -> Mapping[str, Any] | None:
+        """The camera in its normal form; None for one that nobody knows.
 
         Raises:
             CameraInvalidError: as :func:`server.services.cameras.usable_camera`, or its pictures are too
                 large.
         """
+        if camera is None:
+            return None
         usable = await asyncio.to_thread(usable_camera, camera, orientation)
         if usable.width * usable.height > self._max_pixels:
             raise CameraInvalidError(f"pictures may have {self._max_pixels} pixels; send smaller ones")
@@ -180,7 +184,7 @@ class NavigationService:
         owner: str,
         route_id: UUID,
         map_file: str,
-        camera: Mapping[str, Any],
+        camera: Mapping[str, Any] | None,
         orientation: int,
         attachment: Attachment,
     ) -> LiveSession:
@@ -220,7 +224,7 @@ class NavigationService:
         token: str,
         owner: str,
         route_id: UUID,
-        camera: Mapping[str, Any],
+        camera: Mapping[str, Any] | None,
         orientation: int,
         attachment: Attachment,
     ) -> LiveSession | None:

@@ -121,7 +121,7 @@ class RouteService:
     async def set_camera(
         self, unit: UnitOfWork, owner: str, route_id: UUID, camera: Mapping[str, Any]
     ) -> RouteRecord:
-        """Place the leader's camera; with a video there already, the build is queued.
+        """Place the leader's camera, for the video to come; if a build with a video failed, try again.
 
         Raises:
             CameraInvalidError: as :func:`server.services.cameras.usable_camera`.
@@ -133,7 +133,9 @@ class RouteService:
     async def receive_video(
         self, owner: str, route_id: UUID, chunks: AsyncIterable[bytes], declared_length: int | None
     ) -> RouteRecord:
-        """Stream a video into the store; with a camera there already, the build is queued.
+        """Stream a video into the store; the build is queued, with the camera that is there by now.
+
+        Without one the walk itself has to tell its lens.
 
         Two transactions of its own, none of them open while the bytes come.
 
@@ -180,7 +182,7 @@ class RouteService:
         _check_accepts_uploads(before)
         now = self._clock()
         route = await routes.change(route_id, ACCEPTS_UPLOADS, now, **values)
-        if route is not None and route.camera is not None and route.video_key is not None:
+        if route is not None and route.video_key is not None:
             route = await routes.change(
                 route_id,
                 ACCEPTS_UPLOADS,

@@ -13,7 +13,7 @@ from uuid import UUID
 class RouteState(StrEnum):
     """Where a route stands.
 
-    CREATED -> UPLOADED (video and camera are there, a build is due) -> BUILDING -> READY or FAILED.
+    CREATED -> UPLOADED (the video is there, a build is due) -> BUILDING -> READY or FAILED.
     FAILED -> UPLOADED with another video or camera.
     """
 

@@ -66,7 +66,7 @@ def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> Buil
     begun = time.monotonic()
     result: BuildResult = build_route_map(
         order.video,
-        Camera.from_json(order.camera),
+        None if order.camera is None else Camera.from_json(order.camera),
         BuildOptions(measured_length=order.measured_length_m),
         report_progress,
     )
@@ -116,6 +116,8 @@ def report_document(report: BuildReport, build_seconds: float) -> dict[str, Any]
         "video_s": round(report.video_seconds, 3),
         "lost": [{"start_s": round(a, 3), "end_s": round(b, 3)} for a, b in report.lost],
         "build_s": round(build_seconds, 3),
+        "camera": None if report.camera is None else report.camera.to_json(),
+        "camera_source": str(report.camera_source),
     }
 
 

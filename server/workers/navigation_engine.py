@@ -43,7 +43,7 @@ class Engine(Protocol):
     """Opens sessions; one per process."""
 
     def open(
-        self, map_file: str, camera: Mapping[str, Any], orientation: int, snapshot: Any | None
+        self, map_file: str, camera: Mapping[str, Any] | None, orientation: int, snapshot: Any | None
     ) -> EngineSession:
         """A session on a map.
 
@@ -57,7 +57,7 @@ class MapSession:
     """A session on a route map; see :class:`EngineSession`.
 
     Args:
-        camera: of the pictures as they come.
+        camera: of the pictures as they come; None if nobody knows.
         orientation: degrees clockwise by which they have to be turned.
         examine: raises MapRefused if the map's file is no longer what it was.
     """
@@ -65,7 +65,7 @@ class MapSession:
     def __init__(
         self,
         route_map: RouteMap,
-        camera: Camera,
+        camera: Camera | None,
         orientation: int,
         snapshot: Any | None,
         max_pixels: int,
@@ -77,7 +77,7 @@ class MapSession:
         self._max_pixels = max_pixels
         self._session = NavigationSession(
             route_map,
-            camera.rotated(orientation // 90),
+            None if camera is None else camera.rotated(orientation // 90),
             snapshot=None if snapshot is None else SessionSnapshot.from_json(snapshot),
         )
 
@@ -101,10 +101,12 @@ class MapSession:
         return update
 
     def _check_size(self, width: int, height: int) -> None:
-        if (width, height) != (self._camera.width, self._camera.height):
-            raise PictureRefused(
-                f"the picture is {width}x{height}, its camera {self._camera.width}x{self._camera.height}"
-            )
+        camera = self._camera
+        # Some phones turn their pictures when they are turned on their side.
+        if camera is not None and {(width, height), (height, width)}.isdisjoint(
+            {(camera.width, camera.height)}
+        ):
+            raise PictureRefused(f"the picture is {width}x{height}, its camera {camera.width}x{camera.height}")
 
     def snapshot(self) -> Any:
         """See :meth:`EngineSession.snapshot`."""
@@ -125,12 +127,12 @@ class MapEngine:
         self._maps: OrderedDict[str, _OpenMap] = OrderedDict()
 
     def open(
-        self, map_file: str, camera: Mapping[str, Any], orientation: int, snapshot: Any | None
+        self, map_file: str, camera: Mapping[str, Any] | None, orientation: int, snapshot: Any | None
     ) -> MapSession:
         """See :meth:`Engine.open`."""
         return MapSession(
             self._map(map_file),
-            Camera.from_json(camera),
+            None if camera is None else Camera.from_json(camera),
             orientation,
             snapshot,
             self._max_pixels,

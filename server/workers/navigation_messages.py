@@ -25,7 +25,7 @@ class OpenSession:
     request: int
     session: str
     map_file: str
-    camera: Mapping[str, Any]
+    camera: Mapping[str, Any] | None
     orientation: int
     snapshot: Any | None
 

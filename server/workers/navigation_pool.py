@@ -42,7 +42,7 @@ class _Slot:
 @dataclass(slots=True)
 class _Session:
     map_file: str
-    camera: Mapping[str, Any]
+    camera: Mapping[str, Any] | None
     orientation: int
     snapshot: Any | None
     lock: asyncio.Lock
@@ -109,7 +109,7 @@ class NavigationPool:
         self,
         session: str,
         map_file: str,
-        camera: Mapping[str, Any],
+        camera: Mapping[str, Any] | None,
         orientation: int,
         snapshot: Any | None = None,
     ) -> None:
