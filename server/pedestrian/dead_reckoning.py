@@ -8,6 +8,7 @@ the position that was reached with the wrong one, and a fix teaches the user's s
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,8 @@ class DeadReckoningOptions:
         correlation: metres after which that field is another one.
         magnetometer_bias: microtesla that are left of it by the phone's own calibration, each axis.
         declination: radians of magnetic north from the world's y axis, positive to the east.
+        start_spread: metres, how well a start is known of a walk that others learn from.
+        step_spread: m^2 by which the steps' own noise spreads such a walk in a metre.
     """
 
     mount: float = math.radians(8.0)
@@ -48,6 +51,12 @@ class DeadReckoningOptions:
     correlation: float = 6.0
     magnetometer_bias: float = 6.0
     declination: float = 0.0
+    start_spread: float = 0.5
+    step_spread: float = 0.02
+
+
+_TRAIL = 64
+"""Steps whose positions are remembered, for fixes that are told late."""
 
 
 class DeadReckoning:
@@ -81,6 +90,10 @@ class DeadReckoning:
         )
         self._last_time: float | None = None
         self._compass_started = False
+        self._level = (0.0, 0.0)
+        self._trail: deque[tuple[float, float, float]] = deque(maxlen=_TRAIL)
+        self.start = (float(start[0]), float(start[1]))
+        self.unbroken = True
         self._start_from(start_variance)
 
     @property
@@ -127,7 +140,10 @@ class DeadReckoning:
         along = np.array([math.cos(heading), math.sin(heading)])
         move = scale * length * along
         state[:2] += move
-        self._since_fix += length * np.array([math.cos(level_heading), math.sin(level_heading)])
+        level = (length * math.cos(level_heading), length * math.sin(level_heading))
+        self._since_fix += level
+        self._level = (self._level[0] + level[0], self._level[1] + level[1])
+        self._trail.append((t, *self._level))
         across = np.array([-move[1], move[0]])
         jacobian = np.eye(SIZE)
         jacobian[:2, TURN] = jacobian[:2, MOUNT] = across
@@ -166,10 +182,13 @@ class DeadReckoning:
     def fix(self, t: float, position: tuple[float, float], covariance: Array) -> float:
         """Take a position from elsewhere, metres, with its (2, 2) covariance; from a picture, an anchor.
 
+        Args:
+            t: when it was true, a while ago perhaps: what was walked since is added.
+
         Returns:
             The squared Mahalanobis distance between the fix and what was expected.
         """
-        place = np.array(position)
+        place = np.array(position) + self.state[:2] - np.array(self.position_at(t))
         jacobian = np.zeros((2, SIZE))
         jacobian[0, X] = jacobian[1, Y] = 1.0
         distance = 0.0
@@ -177,6 +196,36 @@ class DeadReckoning:
             distance = self._update(place - self.state[:2], jacobian, covariance)
         self._start_from(float(np.trace(self.covariance[:2, :2])) / 2.0)
         return distance
+
+    def position_at(self, t: float) -> tuple[float, float]:
+        """Where the walker was at ``t``, by what is known now; the oldest remembered step at the least."""
+        then = self.level_at(t)
+        x, y = self.turned((self._level[0] - then[0], self._level[1] - then[1]))
+        return float(self.state[X]) - x, float(self.state[Y]) - y
+
+    def level_at(self, t: float) -> tuple[float, float]:
+        """What had been walked by then since the stream or its last pause began: level frame, unscaled."""
+        after: tuple[float, float, float] | None = None
+        for step in reversed(self._trail):
+            if step[0] <= t:
+                if after is None:
+                    return step[1], step[2]
+                part = (t - step[0]) / (after[0] - step[0])
+                return step[1] + part * (after[1] - step[1]), step[2] + part * (after[2] - step[2])
+            after = step
+        return (0.0, 0.0) if after is None else (after[1], after[2])
+
+    def placed(self, level: tuple[float, float]) -> tuple[tuple[float, float], float]:
+        """Where a point of the path was that began at the start, and its variance, m^2 on each axis.
+
+        Args:
+            level: of :meth:`level_at`. Only of use while the path is ``unbroken`` and no fix has bent it.
+        """
+        x, y = self.turned(level)
+        squared = x * x + y * y
+        steps = math.sqrt(squared) * self.options.step_spread
+        common = 0.5 * squared * (self.heading_variance + float(self.covariance[SCALE, SCALE]))
+        return (self.start[0] + x, self.start[1] + y), common + steps + self.options.start_spread**2
 
     def _start_from(self, variance: float) -> None:
         self._origin = self.state[:2].copy()
@@ -194,6 +243,9 @@ class DeadReckoning:
         self._compass_started = False
         self._last_time = None
         self._fixed = False
+        self._level = (0.0, 0.0)
+        self._trail.clear()
+        self.unbroken = False
 
     def _turned_by(self, fix: Array, covariance: Array) -> bool:
         """With no compass the second fix tells the heading, which no linear update can."""

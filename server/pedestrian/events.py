@@ -97,6 +97,24 @@ class AnchorSighting:
 
 
 @dataclass(frozen=True, slots=True)
+class MagneticSignature:
+    """Level and vertical strength of the field, microtesla, along metres whose middle was at ``t``."""
+
+    t: float
+    profile: tuple[tuple[float, float], ...]
+    position_variance: float
+
+
+@dataclass(frozen=True, slots=True)
+class WifiSignature:
+    """A scan that can be compared; ``position_variance`` as everywhere of where the walker is, m^2."""
+
+    t: float
+    readings: tuple[tuple[str, float], ...]
+    position_variance: float
+
+
+@dataclass(frozen=True, slots=True)
 class Height:
     """Height above where the stream began, metres, by the barometer; one every second."""
 
@@ -125,4 +143,6 @@ class Trouble:
     detail: str
 
 
-Event: TypeAlias = Step | AnchorSighting | Height | ActivityChange | Trouble
+Event: TypeAlias = (
+    Step | AnchorSighting | MagneticSignature | WifiSignature | Height | ActivityChange | Trouble
+)

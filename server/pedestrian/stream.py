@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.pedestrian.dead_reckoning import DeadReckoning, DeadReckoningOptions
-from server.pedestrian.events import Event, Sensor, Step, TroubleKind
+from server.pedestrian.events import Event, MagneticSignature, Sensor, Step, TroubleKind, WifiSignature
 from server.pedestrian.gait import Gait, GaitOptions, Pace
 from server.pedestrian.intake import Clock, IntakeOptions, Reports
 from server.pedestrian.orientation import Orientation, Vector, wrapped
 from server.pedestrian.resampling import MotionGrid
-from server.pedestrian.samples import Accelerometer, Gyroscope, Magnetometer, Sample, VectorSample
+from server.pedestrian.samples import Accelerometer, Gyroscope, Magnetometer, Sample, VectorSample, WifiScan
+from server.pedestrian.signatures import MagneticProfile, ProfileOptions
 from server.pedestrian.stride import UserProfile
 from server.pedestrian.units import ACCELERATION, MAGNETIC_FIELD, G, UnitGuard
 
@@ -39,6 +40,7 @@ class StreamOptions:
     intake: IntakeOptions = field(default_factory=IntakeOptions)
     gait: GaitOptions = field(default_factory=GaitOptions)
     dead_reckoning: DeadReckoningOptions = field(default_factory=DeadReckoningOptions)
+    profile: ProfileOptions = field(default_factory=ProfileOptions)
 
 
 class PhoneStream:
@@ -75,8 +77,9 @@ class PhoneStream:
         self._gait = Gait(options.gait, options.period)
         self._level_heading: float | None = None
         self._last_motion: dict[Sensor, float] = {}
-        self._field = np.zeros(8)
+        self._field = np.zeros(9)
         self._field_count = 0
+        self._profile = MagneticProfile(options.profile)
 
     @property
     def position(self) -> tuple[float, float]:
@@ -117,6 +120,8 @@ class PhoneStream:
             self._push_rotation(sample, events)
         elif isinstance(sample, Magnetometer):
             self._push_field(sample)
+        elif isinstance(sample, WifiScan):
+            self._push_scan(sample, events)
         events.extend(self._reports.take())
         return events
 
@@ -148,18 +153,33 @@ class PhoneStream:
         factor = self._scale(sample.t, norm, self._field_unit, Sensor.MAGNETOMETER)
         if factor is None:
             return
-        (a, b, c), (d, e, f), _ = self._orientation.matrix
+        (a, b, c), (d, e, f), (g, h, i) = self._orientation.matrix
         x, y, z = sample.x * factor, sample.y * factor, sample.z * factor
-        self._field += (a * x + b * y + c * z, d * x + e * y + f * z, a, b, c, d, e, f)
+        up = g * x + h * y + i * z
+        self._field += (a * x + b * y + c * z, d * x + e * y + f * z, a, b, c, d, e, f, up)
         self._field_count += 1
 
-    def _admit(self, sample: VectorSample, sensor: Sensor) -> bool:
-        if not self._clock.admit(sample.t, sensor):
+    def _push_scan(self, sample: WifiScan, events: list[Event]) -> None:
+        if not self._admit_stamp(sample.t, Sensor.WIFI):
+            return
+        readings = tuple((name, strength) for name, strength in sample.readings if -130.0 < strength <= 0.0)
+        if len(readings) < len(sample.readings):
+            self._reports.add(sample.t, Sensor.WIFI, TroubleKind.IMPLAUSIBLE, "no strength in dBm")
+        if readings:
+            events.append(WifiSignature(sample.t, readings, self._position_variance()))
+
+    def _admit_stamp(self, t: float, sensor: Sensor) -> bool:
+        if not self._clock.admit(t, sensor):
             return False
         if self._clock.jumps != self._jumps:
             self._jumps = self._clock.jumps
             self.dead_reckoning.pause(0.0, 0.0)
             self._restart()
+        return True
+
+    def _admit(self, sample: VectorSample, sensor: Sensor) -> bool:
+        if not self._admit_stamp(sample.t, sensor):
+            return False
         if not math.isfinite(sample.x + sample.y + sample.z):
             self._reports.add(sample.t, sensor, TroubleKind.NOT_FINITE, "reading")
             return False
@@ -195,15 +215,27 @@ class PhoneStream:
         norm = math.sqrt(x * x + y * y + z * z)
         vertical = orientation.vertical(force) - G
         for pace in self._gait.update(t, norm, vertical, orientation.forward()):
+            signature = self._compass(pace)
             events.append(self._step(pace))
+            if signature is not None:
+                events.append(MagneticSignature(*signature, self._position_variance()))
+
+    def _compass(self, pace: Pace) -> tuple[float, tuple[tuple[float, float], ...]] | None:
+        """The field since the last step; a profile of it, when one is due."""
+        if not self._field_count:
+            return None
+        mean = self._field / self._field_count
+        level = (float(mean[0]), float(mean[1]))
+        self.dead_reckoning.compass(level, mean[2:8].reshape(2, 3), pace.length)
+        self._field[:] = 0.0
+        self._field_count = 0
+        return self._profile.add(pace.t, pace.length, level, float(mean[8]))
+
+    def _position_variance(self) -> float:
+        return float(np.trace(self.dead_reckoning.covariance[:2, :2])) / 2.0
 
     def _step(self, pace: Pace) -> Step:
         reckoning = self.dead_reckoning
-        if self._field_count:
-            mean = self._field / self._field_count
-            reckoning.compass((mean[0], mean[1]), mean[2:].reshape(2, 3), pace.length)
-            self._field[:] = 0.0
-            self._field_count = 0
         before = self._level_heading
         change = 0.0 if before is None else wrapped(pace.level_heading - before)
         self._level_heading = pace.level_heading

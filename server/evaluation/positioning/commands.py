@@ -11,13 +11,17 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich.console import Console
+from rich.progress import Progress
 
+from server.evaluation.positioning.activities import judge_activities, learn, read_windows
+from server.evaluation.positioning.crowd import follow_with_anchors, reckon_and_learn
 from server.evaluation.positioning.folders import RecordingError, unpacked
 from server.evaluation.positioning.mall import Floor, read_floors
 from server.evaluation.positioning.mall_report import MallReport
-from server.evaluation.positioning.plots import draw_errors, draw_floor, draw_step_errors
+from server.evaluation.positioning.plots import draw_confusion, draw_errors, draw_floor, draw_step_errors
 from server.evaluation.positioning.step_counts import judge_steps
-from server.evaluation.positioning.tracks import dead_reckoned
+from server.evaluation.positioning.tracks import Track
+from server.pedestrian.activities import CLASSES
 
 app = typer.Typer(help="Judge a phone's own sensors against recorded truth.", no_args_is_help=True)
 
@@ -63,14 +67,40 @@ def steps(folder: Folder, json_file: JsonFile, plots: Plots = None) -> None:
         console.print(f"picture: {picture}")
 
 
+@app.command()
+def activities(
+    folder: Folder,
+    json_file: JsonFile,
+    plots: Plots = None,
+    model: Annotated[
+        Path | None, typer.Option("--model", help="Write there the model learnt from everybody.")
+    ] = None,
+) -> None:
+    """Tell walking, stairs up, stairs down and standing still apart, leaving one person out at a time."""
+    console = Console()
+    with _judging(console):
+        windows = read_windows(folder)
+    report = judge_activities(windows)
+    _write(report.to_json(), json_file)
+    console.print(
+        f"{int(report.confusion.sum())} windows of {report.people} people: "
+        f"balanced accuracy {100 * report.balanced_accuracy:.1f} %"
+    )
+    if model is not None:
+        _write(learn(windows.values, windows.classes).to_json(), model)
+    if plots is not None:
+        labels = [activity.value for activity in CLASSES]
+        file = plots / "activities.png"
+        console.print(f"picture: {draw_confusion(report.confusion, labels, file, 'Activities')}")
+
+
 @app.command("indoor-competition")
 def indoor_competition(folder: Folder, json_file: JsonFile, plots: Plots = None) -> None:
     """Follow recorded walks by the phone's own sensors, from the known start, causally."""
     console = Console()
     with _judging(console), unpacked(folder, "path_data_files/*.txt") as files:
         floors = read_floors(files)
-    tracks = [dead_reckoned(walk) for floor in floors for walk in floor.walks]
-    report = MallReport(tuple(tracks), ())
+    report = MallReport(*_follow_floors(floors, console))
     figures = report.to_json()
     _write(figures, json_file)
     for name in report.floors:
@@ -79,6 +109,23 @@ def indoor_competition(folder: Folder, json_file: JsonFile, plots: Plots = None)
     if plots is not None:
         for picture in (picture for floor in floors for picture in _draw(floor, report, plots)):
             console.print(f"picture: {picture}")
+
+
+def _follow_floors(floors: list[Floor], console: Console) -> tuple[tuple[Track, ...], tuple[Track, ...]]:
+    plain, anchored = [], []
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("walks", total=2 * sum(len(floor.walks) for floor in floors))
+        for floor in floors:
+            contributions = []
+            for walk in floor.walks:
+                track, contribution = reckon_and_learn(walk)
+                plain.append(track)
+                contributions.append(contribution)
+                progress.advance(task)
+            for walk in floor.walks:
+                anchored.append(follow_with_anchors(walk, contributions))
+                progress.advance(task)
+    return tuple(plain), tuple(anchored)
 
 
 def _draw(floor: Floor, report: MallReport, plots: Path) -> list[Path]:

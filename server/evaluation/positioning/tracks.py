@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from server.evaluation.positioning.mall import MallWalk
 from server.pedestrian.events import Event
-from server.pedestrian.stream import PhoneStream, StreamOptions
+from server.pedestrian.stream import PhoneStream
 
 Array = NDArray[np.float64]
 
@@ -48,38 +49,38 @@ class Track:
         return np.asarray(np.einsum("ni,nij,nj->n", misses, np.linalg.inv(spread), misses))
 
 
-def follow(walk: MallWalk, stream: PhoneStream) -> tuple[Track, list[Event]]:
-    """Replay a walk; the stream has been given its start and nothing else of the truth."""
+def follow(walk: MallWalk, stream: PhoneStream, react: Callable[[list[Event]], None]) -> Track:
+    """Replay a walk; the stream has been given its start and nothing else of the truth.
+
+    Args:
+        react: is handed the events of every sample before the next one is taken.
+    """
     due = walk.waypoints[1:, 0].tolist()
     estimates: list[tuple[float, float]] = []
     covariances: list[Array] = []
     path: list[tuple[float, float]] = []
-    events: list[Event] = []
     told, begin = 0.0, time.process_time()
+
+    def note() -> None:
+        estimates.append(stream.position)
+        covariances.append(stream.position_covariance)
+
     for t, sample in zip(walk.delivered, walk.samples, strict=True):
         while len(estimates) < len(due) and t > due[len(estimates)]:
-            estimates.append(stream.position)
-            covariances.append(stream.position_covariance)
-        events += stream.push(sample)
+            note()
+        events = stream.push(sample)
+        if events:
+            react(events)
         if t >= told:
             path.append(stream.position)
             told = t + 0.25
     seconds = time.process_time() - begin
     while len(estimates) < len(due):
-        estimates.append(stream.position)
-        covariances.append(stream.position_covariance)
-    return (
-        Track(
-            walk,
-            np.array(estimates).reshape(-1, 2),
-            np.array(covariances).reshape(-1, 2, 2),
-            np.array(path),
-            seconds,
-        ),
-        events,
+        note()
+    return Track(
+        walk,
+        np.array(estimates).reshape(-1, 2),
+        np.array(covariances).reshape(-1, 2, 2),
+        np.array(path),
+        seconds,
     )
-
-
-def dead_reckoned(walk: MallWalk, options: StreamOptions | None = None) -> Track:
-    """From the known start, by the phone's motion sensors alone."""
-    return follow(walk, PhoneStream(options, walk.start))[0]

@@ -1,0 +1,131 @@
+"""Activities of people the model has never seen: leave one person out.
+
+Files ``acc_expEE_userUU.txt`` and ``gyro_expEE_userUU.txt``: a line a sample at 50 Hz, m/s^2 and rad/s.
+``labels.txt``: experiment, user, activity (1 walking, 2 stairs up, 3 stairs down, 4 sitting, 5 standing),
+first and last line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from server.evaluation.positioning.folders import RecordingError, unpacked
+from server.pedestrian.activities import CLASSES, WINDOW, ActivityModel, features
+from server.pedestrian.events import Activity
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_CODES = {
+    1: Activity.WALKING,
+    2: Activity.STAIRS_UP,
+    3: Activity.STAIRS_DOWN,
+    4: Activity.STILL,
+    5: Activity.STILL,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledWindows:
+    """Features (N, F) of windows that overlap by half, class (N,) as in CLASSES, person (N,)."""
+
+    values: Array = field(repr=False)
+    classes: Indices = field(repr=False)
+    people: Indices = field(repr=False)
+    broken_labels: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ActivityReport:
+    """``confusion``: (4, 4) windows, rows the truth, of people left out of the learning."""
+
+    confusion: Array
+    people: int
+    broken_labels: int
+
+    @property
+    def balanced_accuracy(self) -> float:
+        return float(np.mean(np.diag(self.confusion) / np.maximum(self.confusion.sum(axis=1), 1)))
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "balanced_accuracy": self.balanced_accuracy,
+            "classes": [activity.value for activity in CLASSES],
+            "confusion": self.confusion.astype(int).tolist(),
+            "people": self.people,
+            "window_seconds": WINDOW / 50.0,
+            "broken_labels": self.broken_labels,
+        }
+
+
+def read_windows(folder: Path) -> LabelledWindows:
+    """Raises: RecordingError: no such recordings."""
+    with unpacked(folder, "labels.txt") as files:
+        values, classes, people, broken = [], [], [], 0
+        labels = np.loadtxt(files[0], dtype=int, ndmin=2)
+        for experiment, user, code, first, last in labels.tolist():
+            force, turning = _read(files[0].parent, experiment, user)
+            if code not in _CODES:
+                continue
+            if not first < last <= len(force):
+                broken += 1
+                continue
+            for begin in range(first, last - WINDOW + 1, WINDOW // 2):
+                window = slice(begin, begin + WINDOW)
+                values.append(features(force[window], turning[window]))
+                classes.append(CLASSES.index(_CODES[code]))
+                people.append(user)
+    if not values:
+        raise RecordingError(f"{folder} has no labelled windows of {WINDOW} samples")
+    return LabelledWindows(np.array(values), np.array(classes), np.array(people), broken)
+
+
+def _read(folder: Path, experiment: int, user: int) -> tuple[Array, Array]:
+    name = f"exp{experiment:02d}_user{user:02d}.txt"
+    try:
+        force, turning = (np.loadtxt(folder / f"{sensor}_{name}", ndmin=2) for sensor in ("acc", "gyro"))
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{folder}: {error}") from error
+    return force, turning
+
+
+def learn(values: Array, classes: Indices, penalty: float = 1.5) -> ActivityModel:
+    """Maximum likelihood with all classes weighing the same, and a quadratic penalty on the weights."""
+    mean, deviation = values.mean(axis=0), values.std(axis=0) + 1e-9
+    standard = np.clip((values - mean) / deviation, -4.0, 4.0)
+    inputs = np.column_stack([standard, np.ones(len(standard))])
+    truth = np.eye(len(CLASSES))[classes]
+    counts = np.maximum(truth.sum(axis=0), 1.0)
+    weight = (len(truth) / (len(CLASSES) * counts))[classes]
+
+    def loss(flat: Array) -> tuple[float, Array]:
+        weights = flat.reshape(len(CLASSES), -1)
+        scores = inputs @ weights.T
+        scores -= scores.max(axis=1, keepdims=True)
+        logs = scores - np.log(np.exp(scores).sum(axis=1, keepdims=True))
+        shrink = np.concatenate([weights[:, :-1], np.zeros((len(CLASSES), 1))], axis=1)
+        value = -float((weight[:, None] * truth * logs).sum()) + 0.5 * penalty * float((shrink**2).sum())
+        slope = (weight[:, None] * (np.exp(logs) - truth)).T @ inputs + penalty * shrink
+        return value, slope.ravel()
+
+    start = np.zeros(len(CLASSES) * inputs.shape[1])
+    fitted = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 2000}).x
+    return ActivityModel(mean, deviation, fitted.reshape(len(CLASSES), -1))
+
+
+def judge_activities(windows: LabelledWindows) -> ActivityReport:
+    """Each person's windows by a model of all the others."""
+    confusion = np.zeros((len(CLASSES), len(CLASSES)))
+    people = np.unique(windows.people)
+    for person in people:
+        own = windows.people == person
+        model = learn(windows.values[~own], windows.classes[~own])
+        said = model.probabilities(windows.values[own]).argmax(axis=1)
+        np.add.at(confusion, (windows.classes[own], said), 1.0)
+    return ActivityReport(confusion, len(people), windows.broken_labels)
