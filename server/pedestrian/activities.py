@@ -160,9 +160,9 @@ def default_model() -> ActivityModel:
 
 
 class ActivityWatch:
-    """Probabilities of the activities, once every half second, over the latest window."""
+    """Probabilities of the activities, once a second, over the latest window."""
 
-    def __init__(self, model: ActivityModel, every: int = 25) -> None:
+    def __init__(self, model: ActivityModel, every: int = 50) -> None:
         self._model = model
         self._every = every
         self._force: deque[Vector] = deque(maxlen=WINDOW)

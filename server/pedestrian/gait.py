@@ -63,6 +63,11 @@ class Gait:
     def walking(self) -> bool:
         return self._detector.walking
 
+    @property
+    def stepping(self) -> bool:
+        """Whether a step was made just now, certain or not."""
+        return self._newest - self._detector.last < self.options.steps.longest
+
     def update(self, t: float, norm: float, vertical: float, forward: tuple[float, float]) -> list[Pace]:
         """One tick: norm of acceleration, its vertical part without gravity, level direction of the phone."""
         self._stride.update(vertical)

@@ -49,6 +49,11 @@ class StepDetector:
         """When the first step was made of those that are not certain yet."""
         return self._unconfirmed[0] if self._unconfirmed else None
 
+    @property
+    def last(self) -> float:
+        """When the latest step was made, certain or not."""
+        return self._last
+
     def update(self, t: float, norm: float) -> list[float]:
         """Times of the steps that have become certain with the norm (m/s^2) at ``t``, oldest first."""
         y = self._low_pass(norm)

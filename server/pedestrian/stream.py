@@ -9,16 +9,29 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from server.pedestrian.activities import ActivityModel
+from server.pedestrian.anchors import AnchorOptions
 from server.pedestrian.dead_reckoning import DeadReckoning, DeadReckoningOptions
 from server.pedestrian.events import Event, MagneticSignature, Sensor, Step, TroubleKind, WifiSignature
 from server.pedestrian.gait import Gait, GaitOptions, Pace
+from server.pedestrian.height import BarometerOptions, HeightTracker
 from server.pedestrian.intake import Clock, IntakeOptions, Reports
 from server.pedestrian.orientation import Orientation, Vector, wrapped
 from server.pedestrian.resampling import MotionGrid
-from server.pedestrian.samples import Accelerometer, Gyroscope, Magnetometer, Sample, VectorSample, WifiScan
+from server.pedestrian.samples import (
+    Accelerometer,
+    Barometer,
+    Gyroscope,
+    Magnetometer,
+    Sample,
+    SatelliteFix,
+    VectorSample,
+    WifiScan,
+)
 from server.pedestrian.signatures import MagneticProfile, ProfileOptions
 from server.pedestrian.stride import UserProfile
-from server.pedestrian.units import ACCELERATION, MAGNETIC_FIELD, G, UnitGuard
+from server.pedestrian.surroundings import Surroundings
+from server.pedestrian.units import ACCELERATION, MAGNETIC_FIELD, PRESSURE, G, UnitGuard
 
 Array = NDArray[np.float64]
 
@@ -41,6 +54,8 @@ class StreamOptions:
     gait: GaitOptions = field(default_factory=GaitOptions)
     dead_reckoning: DeadReckoningOptions = field(default_factory=DeadReckoningOptions)
     profile: ProfileOptions = field(default_factory=ProfileOptions)
+    barometer: BarometerOptions = field(default_factory=BarometerOptions)
+    anchors: AnchorOptions = field(default_factory=AnchorOptions)
 
 
 class PhoneStream:
@@ -51,6 +66,7 @@ class PhoneStream:
         start: where the walk begins, metres, x east, y north.
         start_variance: m^2, each axis.
         profile: what earlier walks have taught about the user.
+        model: of activities; the one that comes with this package by default.
     """
 
     def __init__(
@@ -59,6 +75,7 @@ class PhoneStream:
         start: tuple[float, float] = (0.0, 0.0),
         start_variance: float = 0.0,
         profile: UserProfile | None = None,
+        model: ActivityModel | None = None,
     ) -> None:
         self.options = options or StreamOptions()
         self.dead_reckoning = DeadReckoning(self.options.dead_reckoning, start, start_variance, profile)
@@ -67,6 +84,9 @@ class PhoneStream:
         self._jumps = 0
         self._acceleration_unit = UnitGuard(ACCELERATION)
         self._field_unit = UnitGuard(MAGNETIC_FIELD)
+        self._pressure_unit = UnitGuard(PRESSURE, count=5)
+        self._height = HeightTracker(self.options.barometer)
+        self._model = model
         self._restart()
 
     def _restart(self) -> None:
@@ -80,6 +100,7 @@ class PhoneStream:
         self._field = np.zeros(9)
         self._field_count = 0
         self._profile = MagneticProfile(options.profile)
+        self._surroundings = Surroundings(options.anchors, options.period, self._model)
 
     @property
     def position(self) -> tuple[float, float]:
@@ -122,6 +143,10 @@ class PhoneStream:
             self._push_field(sample)
         elif isinstance(sample, WifiScan):
             self._push_scan(sample, events)
+        elif isinstance(sample, Barometer):
+            self._push_pressure(sample, events)
+        else:
+            self._push_satellite(sample)
         events.extend(self._reports.take())
         return events
 
@@ -156,6 +181,7 @@ class PhoneStream:
         (a, b, c), (d, e, f), (g, h, i) = self._orientation.matrix
         x, y, z = sample.x * factor, sample.y * factor, sample.z * factor
         up = g * x + h * y + i * z
+        self._surroundings.field(norm * factor)
         self._field += (a * x + b * y + c * z, d * x + e * y + f * z, a, b, c, d, e, f, up)
         self._field_count += 1
 
@@ -167,6 +193,26 @@ class PhoneStream:
             self._reports.add(sample.t, Sensor.WIFI, TroubleKind.IMPLAUSIBLE, "no strength in dBm")
         if readings:
             events.append(WifiSignature(sample.t, readings, self._position_variance()))
+
+    def _push_pressure(self, sample: Barometer, events: list[Event]) -> None:
+        if not self._admit_stamp(sample.t, Sensor.BAROMETER):
+            return
+        if not math.isfinite(sample.pressure):
+            self._reports.add(sample.t, Sensor.BAROMETER, TroubleKind.NOT_FINITE, "reading")
+            return
+        factor = self._scale(sample.t, abs(sample.pressure), self._pressure_unit, Sensor.BAROMETER)
+        if factor is not None and (height := self._height.update(sample.t, abs(sample.pressure) * factor)):
+            events.append(height)
+
+    def _push_satellite(self, sample: SatelliteFix) -> None:
+        if not self._admit_stamp(sample.t, Sensor.SATELLITE):
+            return
+        if not sample.accuracy_m > 0.0:
+            self._reports.add(
+                sample.t, Sensor.SATELLITE, TroubleKind.IMPLAUSIBLE, "accuracy that is not positive"
+            )
+            return
+        self._surroundings.entrance.fix(sample.t, sample.accuracy_m)
 
     def _admit_stamp(self, t: float, sensor: Sensor) -> bool:
         if not self._clock.admit(t, sensor):
@@ -214,6 +260,14 @@ class PhoneStream:
         x, y, z = force
         norm = math.sqrt(x * x + y * y + z * z)
         vertical = orientation.vertical(force) - G
+        surroundings = self._surroundings
+        turn_rate = orientation.vertical(turning)
+        events += surroundings.move(t, force, turning, vertical, turn_rate)
+        if surroundings.due:
+            climb = self._height.climb(t)
+            events += surroundings.moment(t, self._gait.stepping, climb)
+            # Legs alone are too often mistaken, in a hand above all: lengths are not left to them.
+            self._gait.on_stairs = climb is not None and surroundings.on_stairs
         for pace in self._gait.update(t, norm, vertical, orientation.forward()):
             signature = self._compass(pace)
             events.append(self._step(pace))

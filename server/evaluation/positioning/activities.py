@@ -7,7 +7,8 @@ first and last line.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from server.evaluation.positioning.folders import RecordingError, unpacked
-from server.pedestrian.activities import CLASSES, WINDOW, ActivityModel, features
+from server.evaluation.positioning.mall import MallWalk
+from server.pedestrian.activities import CLASSES, RATE_HZ, WINDOW, ActivityModel, features
 from server.pedestrian.events import Activity
+from server.pedestrian.resampling import MotionGrid
+from server.pedestrian.samples import Accelerometer, Gyroscope
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -29,6 +33,10 @@ _CODES = {
     4: Activity.STILL,
     5: Activity.STILL,
 }
+
+
+NOBODY = -1
+"""The person of windows that are learnt from and never judged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +103,38 @@ def _read(folder: Path, experiment: int, user: int) -> tuple[Array, Array]:
     return force, turning
 
 
+def walking_windows(walks: Sequence[MallWalk], count: int) -> Array:
+    """(N, F): at most ``count`` windows, evenly chosen, of walks on one floor with the phone in the hand."""
+    values = []
+    for walk in walks:
+        grid = MotionGrid(1.0 / RATE_HZ)
+        ticks = []
+        for sample in walk.samples:
+            if isinstance(sample, Accelerometer):
+                ticks += grid.acceleration(sample.t, (sample.x, sample.y, sample.z))
+            elif isinstance(sample, Gyroscope):
+                ticks += grid.rotation(sample.t, (sample.x, sample.y, sample.z))
+        force, turning = np.array([tick[1] for tick in ticks]), np.array([tick[2] for tick in ticks])
+        values += [
+            features(force[begin : begin + WINDOW], turning[begin : begin + WINDOW])
+            for begin in range(0, len(ticks) - WINDOW + 1, WINDOW // 2)
+        ]
+    if not values:
+        raise RecordingError("no walk is as long as a window")
+    chosen = np.unique(np.linspace(0, len(values) - 1, count).astype(int))
+    return np.array(values)[chosen]
+
+
+def with_walking(windows: LabelledWindows, walking: Array) -> LabelledWindows:
+    """The same with windows of walking of nobody who is left out."""
+    return replace(
+        windows,
+        values=np.concatenate([windows.values, walking]),
+        classes=np.concatenate([windows.classes, np.full(len(walking), CLASSES.index(Activity.WALKING))]),
+        people=np.concatenate([windows.people, np.full(len(walking), NOBODY)]),
+    )
+
+
 def learn(values: Array, classes: Indices, penalty: float = 1.5) -> ActivityModel:
     """Maximum likelihood with all classes weighing the same, and a quadratic penalty on the weights."""
     mean, deviation = values.mean(axis=0), values.std(axis=0) + 1e-9
@@ -122,7 +162,7 @@ def learn(values: Array, classes: Indices, penalty: float = 1.5) -> ActivityMode
 def judge_activities(windows: LabelledWindows) -> ActivityReport:
     """Each person's windows by a model of all the others."""
     confusion = np.zeros((len(CLASSES), len(CLASSES)))
-    people = np.unique(windows.people)
+    people = np.setdiff1d(windows.people, [NOBODY])
     for person in people:
         own = windows.people == person
         model = learn(windows.values[~own], windows.classes[~own])

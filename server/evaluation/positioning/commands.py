@@ -10,10 +10,18 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from server.evaluation.positioning.activities import judge_activities, learn, read_windows
+from server.evaluation.positioning.activities import (
+    LabelledWindows,
+    judge_activities,
+    learn,
+    read_windows,
+    walking_windows,
+    with_walking,
+)
 from server.evaluation.positioning.crowd import follow_with_anchors, reckon_and_learn
 from server.evaluation.positioning.folders import RecordingError, unpacked
 from server.evaluation.positioning.mall import Floor, read_floors
@@ -22,6 +30,9 @@ from server.evaluation.positioning.plots import draw_confusion, draw_errors, dra
 from server.evaluation.positioning.step_counts import judge_steps
 from server.evaluation.positioning.tracks import Track
 from server.pedestrian.activities import CLASSES
+from server.pedestrian.events import Activity
+
+Array = NDArray[np.float64]
 
 app = typer.Typer(help="Judge a phone's own sensors against recorded truth.", no_args_is_help=True)
 
@@ -75,11 +86,19 @@ def activities(
     model: Annotated[
         Path | None, typer.Option("--model", help="Write there the model learnt from everybody.")
     ] = None,
+    walks: Annotated[
+        Path | None,
+        typer.Option(
+            "--walking", help="Folder of the indoor competition: its floor F1 is learnt as walking."
+        ),
+    ] = None,
 ) -> None:
     """Tell walking, stairs up, stairs down and standing still apart, leaving one person out at a time."""
     console = Console()
     with _judging(console):
         windows = read_windows(folder)
+        if walks is not None:
+            windows = with_walking(windows, _hand_held(walks, windows))
     report = judge_activities(windows)
     _write(report.to_json(), json_file)
     console.print(
@@ -92,6 +111,13 @@ def activities(
         labels = [activity.value for activity in CLASSES]
         file = plots / "activities.png"
         console.print(f"picture: {draw_confusion(report.confusion, labels, file, 'Activities')}")
+
+
+def _hand_held(folder: Path, windows: LabelledWindows) -> Array:
+    with unpacked(folder, "path_data_files/*.txt") as files:
+        floors = read_floors([file for file in files if file.parent.parent.name == "F1"])
+    count = int((windows.classes == CLASSES.index(Activity.WALKING)).sum())
+    return walking_windows([walk for floor in floors for walk in floor.walks], count)
 
 
 @app.command("indoor-competition")
