@@ -93,4 +93,4 @@ class Gait:
 
     def _at(self, t: float) -> tuple[float, float, float]:
         back = round((self._newest - t) / self._period)
-        return self._history[max(0, len(self._history) - 1 - back)]
+        return self._history[min(len(self._history) - 1, max(0, len(self._history) - 1 - back))]

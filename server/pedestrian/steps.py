@@ -38,7 +38,7 @@ class StepDetector:
         self._low_pass = LowPass(options.cutoff_hz, rate_hz)
         self._rising = True
         self._peak = self._valley = 9.81
-        self._peak_time = 0.0
+        self._peak_time: float | None = None
         self._swing = 0.0
         self._last = float("-inf")
         self._unconfirmed: list[float] = []
@@ -59,6 +59,8 @@ class StepDetector:
         y = self._low_pass(norm)
         if self.walking and t - self._last > self.options.longest:
             self.walking = False
+        if self._peak_time is None:
+            self._peak_time = t
         if self._rising:
             if y > self._peak:
                 self._peak, self._peak_time = y, t

@@ -14,6 +14,7 @@ from server.pedestrian.anchors import AnchorOptions
 from server.pedestrian.dead_reckoning import DeadReckoning, DeadReckoningOptions
 from server.pedestrian.events import Event, MagneticSignature, Sensor, Step, TroubleKind, WifiSignature
 from server.pedestrian.gait import Gait, GaitOptions, Pace
+from server.pedestrian.gyroscope_check import GyroscopeCheck
 from server.pedestrian.height import BarometerOptions, HeightTracker
 from server.pedestrian.intake import Clock, IntakeOptions, Reports
 from server.pedestrian.orientation import Orientation, Vector, wrapped
@@ -37,6 +38,9 @@ Array = NDArray[np.float64]
 
 FASTEST_TURN = 40.0
 """rad/s, beyond what gyroscopes of phones measure."""
+
+ABSURD_TURN = 1e6
+"""In any unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +89,7 @@ class PhoneStream:
         self._acceleration_unit = UnitGuard(ACCELERATION)
         self._field_unit = UnitGuard(MAGNETIC_FIELD)
         self._pressure_unit = UnitGuard(PRESSURE, count=5)
+        self._gyroscope = GyroscopeCheck()
         self._height = HeightTracker(self.options.barometer)
         self._model = model
         self._restart()
@@ -96,6 +101,7 @@ class PhoneStream:
         self._orientation = Orientation(options.period)
         self._gait = Gait(options.gait, options.period)
         self._level_heading: float | None = None
+        self._gyroscope.break_off()
         self._last_motion: dict[Sensor, float] = {}
         self._field = np.zeros(9)
         self._field_count = 0
@@ -157,18 +163,25 @@ class PhoneStream:
         factor = self._scale(sample.t, norm, self._acceleration_unit, Sensor.ACCELEROMETER)
         if factor is not None:
             force = (sample.x * factor, sample.y * factor, sample.z * factor)
+            if self._gyroscope.force(sample.t, force):
+                kind = TroubleKind.AXES if self._gyroscope.axes_changed else TroubleKind.UNITS
+                self._reports.add(sample.t, Sensor.GYROSCOPE, kind, self._gyroscope.describe())
             for tick in self._grid.acceleration(sample.t, force):
                 self._move(*tick, events)
 
     def _push_rotation(self, sample: Gyroscope, events: list[Event]) -> None:
         if not self._admit_motion(sample, Sensor.GYROSCOPE):
             return
-        if max(abs(sample.x), abs(sample.y), abs(sample.z)) > FASTEST_TURN:
-            self._reports.add(
-                sample.t, Sensor.GYROSCOPE, TroubleKind.IMPLAUSIBLE, "faster than any phone turns"
-            )
+        turning = (sample.x, sample.y, sample.z)
+        if max(abs(sample.x), abs(sample.y), abs(sample.z)) < ABSURD_TURN:
+            self._gyroscope.turn(sample.t, turning)
+        if self._gyroscope.matrix is not None:
+            x, y, z = (self._gyroscope.matrix @ turning).tolist()
+            turning = (x, y, z)
+        if max(abs(turning[0]), abs(turning[1]), abs(turning[2])) > FASTEST_TURN:
+            self._reports.add(sample.t, Sensor.GYROSCOPE, TroubleKind.IMPLAUSIBLE, "no phone turns so fast")
             return
-        for tick in self._grid.rotation(sample.t, (sample.x, sample.y, sample.z)):
+        for tick in self._grid.rotation(sample.t, turning):
             self._move(*tick, events)
 
     def _push_field(self, sample: Magnetometer) -> None:

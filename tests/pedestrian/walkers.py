@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from server.pedestrian.samples import Accelerometer, Gyroscope, Magnetometer, Sample
 
@@ -13,6 +14,14 @@ Array = NDArray[np.float64]
 
 EARTH = np.array([0.0, 30.0, -35.0])
 """The earth's field, microtesla, x east, y north, z up."""
+
+
+@dataclass(frozen=True)
+class Sway:
+    """level_from_swaying (N, 3, 3), and the angular velocity of it in the swaying axes, (N, 3)."""
+
+    matrices: Array
+    rates: Array
 
 
 @dataclass(frozen=True)
@@ -34,6 +43,7 @@ class Walker:
     noise: float = 0.0
     field_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     seed: int = 0
+    sway: float = 0.0
     phone_from_level: Array = field(default_factory=lambda: np.eye(3))
 
     def path(self) -> tuple[Array, Array, Array, Array]:
@@ -63,6 +73,19 @@ class Walker:
         times = np.arange(len(positions)) * step
         return times, np.array(positions), np.array(headings), np.array(walking)
 
+    def _sway(self, times: Array) -> Sway:
+        """The hand tilts about x, then about y, a few seconds each way."""
+        pitch, roll = self.sway * np.sin(1.3 * times), self.sway * np.sin(0.9 * times)
+        pitch_rate = self.sway * 1.3 * np.cos(1.3 * times)
+        roll_rate = self.sway * 0.9 * np.cos(0.9 * times)
+        first, second = (
+            Rotation.from_rotvec(np.outer(pitch, [1.0, 0.0, 0.0])),
+            Rotation.from_rotvec(np.outer(roll, [0.0, 1.0, 0.0])),
+        )
+        rates = second.inv().apply(np.outer(pitch_rate, [1.0, 0.0, 0.0]))
+        rates[:, 1] += roll_rate
+        return Sway((first * second).as_matrix(), rates)
+
     @property
     def steps(self) -> int:
         legs = np.hypot(*np.diff(np.array(self.corners), axis=0).T)
@@ -86,6 +109,10 @@ class Walker:
             [c * EARTH[0] + s * EARTH[1], -s * EARTH[0] + c * EARTH[1], np.full(len(times), EARTH[2])], axis=1
         )
         turn = self.phone_from_level
+        swing = self._sway(times)
+        force = np.einsum("nji,nj->ni", swing.matrices, force)
+        magnetic = np.einsum("nji,nj->ni", swing.matrices, magnetic)
+        turning = np.einsum("nji,nj->ni", swing.matrices, turning) + swing.rates
 
         def read(values: Array, scale: float) -> Array:
             return np.asarray(values @ turn.T + random.normal(scale=self.noise * scale, size=values.shape))

@@ -122,7 +122,7 @@ def walking_windows(walks: Sequence[MallWalk], count: int) -> Array:
     if not values:
         raise RecordingError("no walk is as long as a window")
     chosen = np.unique(np.linspace(0, len(values) - 1, count).astype(int))
-    return np.array(values)[chosen]
+    return np.asarray(np.array(values)[chosen])
 
 
 def with_walking(windows: LabelledWindows, walking: Array) -> LabelledWindows:
