@@ -15,19 +15,72 @@ Array = NDArray[np.float64]
 def upright(rotations: Array) -> Array:
     """Up (3,), unit, of a world in which a phone was carried with the given orientations.
 
-    A phone held upright keeps its x axis level, however it is tilted forwards or back; where the
-    walk has no turns that tell, the mean up of the images decides.
+    A phone held upright keeps its x axis level, however it is tilted forwards or back; one that is rolled
+    onto its side keeps its y axis level instead. Each frame votes with the axis that is level by what is
+    believed to be up, from several beliefs in turn (alternating minimisation); where the walk has no turns
+    that tell, the mean up of the images decides, and that the picture was upright at first: what turns a
+    video's picture upright is written when it begins.
 
     Args:
         rotations: (F, 3, 3) world_from_camera.
     """
     right, up = rotations[:, :, 0], -rotations[:, :, 1]
+    unrolled = _up_of(right, up)
+    if ((right @ unrolled) ** 2).mean() < _LEVEL and np.quantile(up @ unrolled, 0.05) > _UPWARD:
+        return unrolled
+    # (F, 4, 3): up and right of a phone that is upright, and of one that is rolled by quarters.
+    ups = np.stack([up, right, -up, -right], axis=1)
+    rights = np.stack([right, -up, -right, up], axis=1)
+    frames = np.arange(len(rotations))
+    starts = np.concatenate([ups[k] for k in np.linspace(0, len(rotations) - 1, 9).astype(int)])
+    best, least = unrolled, np.inf
+    for belief in (unrolled, *starts):
+        rolled = _quarters(ups, belief)
+        for _ in range(_MOST_VOTES):
+            belief = _up_of(rights[frames, rolled], ups[frames, rolled])
+            before, rolled = rolled, _quarters(ups, belief)
+            if np.array_equal(before, rolled):
+                break
+        cost = _disbelief(rights[frames, rolled], ups[frames, rolled], belief, rolled != 0)
+        if cost < least:
+            best, least = belief, cost
+    return best
+
+
+_LEVEL = float(np.sin(np.deg2rad(10.0)) ** 2)
+"""A phone that nobody rolls tilts sideways by less, squared and on average."""
+_UPWARD = float(np.cos(np.deg2rad(70.0)))
+"""And forwards or back by less, nearly always."""
+_TILT = 0.05
+"""What a tilt forwards or back costs beside a tilt sideways: phones are held so all the time."""
+_ROLLED = 0.03
+"""What a rolled frame costs beside it."""
+_MOST_TILT = 0.1
+"""And a frame at most that is tilted sideways: between upright and rolled there always are some."""
+_MOST_VOTES = 10
+
+
+def _up_of(right: Array, up: Array) -> Array:
+    """Up (3,) to which the frames' right (F, 3) is level and their up (F, 3) is near."""
     mean_up = up.mean(axis=0)
     mean_up /= max(float(np.linalg.norm(mean_up)), 1e-9)
     level = np.einsum("fi,fj->ij", right, right) / len(right)
-    tilt = 0.05 * (np.eye(3) - np.outer(mean_up, mean_up))
+    tilt = _TILT * (np.eye(3) - np.outer(mean_up, mean_up))
     vector = np.linalg.eigh(level + tilt)[1][:, 0]
     return np.asarray(vector * np.sign(vector @ mean_up))
+
+
+def _quarters(ups: Array, belief: Array) -> NDArray[np.int64]:
+    """(F,) by how many quarters each frame is rolled; one that lies between is taken for upright."""
+    return np.asarray(np.argmax(ups @ belief + np.array([0.1, 0.0, 0.0, 0.0]), axis=1))
+
+
+def _disbelief(right: Array, up: Array, belief: Array, rolled: NDArray[np.bool_]) -> float:
+    """How ill a belief fits the frames; that the first ones are rolled weighs most."""
+    early = 4.0 * np.linspace(1.0, 0.0, len(rolled)) ** 3
+    sideways = np.minimum((right @ belief) ** 2, _MOST_TILT)
+    forwards = _TILT * (1.0 - np.maximum(up @ belief, 0.0) ** 2)
+    return float((sideways + forwards + _ROLLED * early * rolled).mean())
 
 
 def route_frame(poses: list[SE3], times: Array) -> Sim3:

@@ -135,6 +135,70 @@ def test_up_is_found_from_how_the_phone_was_held(
     assert error < (3.0 if len(waypoints) > 2 else 22.0)
 
 
+def _rolled(rotations: np.ndarray, quarters: np.ndarray) -> np.ndarray:
+    """Cameras turned about their optical axes by (F,) quarters, in 0.7 s wherever that changes."""
+    angles = np.pi / 2 * np.convolve(np.pad(quarters, 3, mode="edge"), np.ones(7) / 7, mode="valid")
+    return rotations @ Rotation.from_rotvec(np.outer(angles, [0, 0, 1])).as_matrix()
+
+
+def _up_error(rotations: np.ndarray, seed: int) -> float:
+    """Degrees between the true up and the one found, in a world that lies anyhow."""
+    world = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    return float(np.degrees(np.arccos(np.clip(upright(world @ rotations) @ world[:, 2], -1, 1))))
+
+
+def _shaken(rotations: np.ndarray, degrees: float, seed: int) -> np.ndarray:
+    noise = np.radians(degrees) * np.random.default_rng(seed).normal(size=(len(rotations), 3))
+    return rotations @ Rotation.from_rotvec(noise).as_matrix()
+
+
+@pytest.mark.parametrize("quarter", [1, 2, -1])
+@pytest.mark.parametrize("pitch", [-0.5, -0.1, 0.2])
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
+def test_up_is_found_where_the_phone_was_rolled_onto_its_side(
+    quarter: int, pitch: float, share: float
+) -> None:
+    """From some place on, before the turn or after it."""
+    rng = np.random.default_rng(5)
+    poses = walk(((0.0, 0.0), (6.0, 0.0), (6.0, 6.0), (12.0, 6.0)), rng, Gait(pitch=pitch)).poses
+    rotations = _shaken(np.stack([pose.rotation for pose in poses]), 3.0, 6)
+    quarters = np.where(np.arange(len(rotations)) >= (1 - share) * len(rotations), quarter, 0)
+    assert _up_error(_rolled(rotations, quarters), 7) < 5.0
+
+
+def test_up_is_found_where_the_phone_was_rolled_to_and_fro() -> None:
+    rng = np.random.default_rng(8)
+    poses = walk(((0.0, 0.0), (6.0, 0.0), (6.0, 6.0), (12.0, 6.0)), rng, Gait(pitch=-0.2)).poses
+    rotations = _shaken(np.stack([pose.rotation for pose in poses]), 3.0, 9)
+    quarters = np.repeat([0, 1, 0, -1, 0, 1], len(rotations) // 6 + 1)[: len(rotations)]
+    assert _up_error(_rolled(rotations, quarters), 10) < 5.0
+
+
+@pytest.mark.parametrize("quarter", [1, -1])
+def test_a_phone_rolled_on_a_straight_way_was_upright_at_first(quarter: int) -> None:
+    """Straight ahead, up and sideways look alike; who begins to film holds the phone upright."""
+    rotations = _shaken(np.repeat(level_rotation(0.3, pitch=-0.1)[None], 200, axis=0), 3.0, 11)
+    quarters = np.where(np.arange(200) >= 100, quarter, 0)
+    assert _up_error(_rolled(rotations, quarters), 12) < 10.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("pitch", [-0.9, -0.4, 0.0, 0.3])
+@pytest.mark.parametrize("shake", [1.0, 8.0])
+@pytest.mark.parametrize("waypoints", [((0.0, 0.0), (6.0, 0.0), (6.0, 6.0)), ((0.0, 0.0), (12.0, 0.0))])
+def test_a_phone_that_is_not_rolled_is_judged_by_its_x_axis_alone(
+    seed: int, pitch: float, shake: float, waypoints: tuple[tuple[float, float], ...]
+) -> None:
+    poses = walk(waypoints, np.random.default_rng(seed), Gait(pitch=pitch)).poses
+    rotations = _shaken(np.stack([pose.rotation for pose in poses]), shake, seed)
+    rotations = Rotation.random(rng=np.random.default_rng(seed)).as_matrix() @ rotations
+    right, up = rotations[:, :, 0], -rotations[:, :, 1]
+    mean_up = up.mean(axis=0) / np.linalg.norm(up.mean(axis=0))
+    level = np.einsum("fi,fj->ij", right, right) / len(right)
+    vector = np.linalg.eigh(level + 0.05 * (np.eye(3) - np.outer(mean_up, mean_up)))[1][:, 0]
+    np.testing.assert_array_equal(upright(rotations), vector * np.sign(vector @ mean_up))
+
+
 def test_up_of_a_phone_turned_about_itself_is_its_axis() -> None:
     rotations = np.stack(
         [level_rotation(a, pitch=0.5) for a in np.linspace(0, 2 * np.pi, 36, endpoint=False)]
