@@ -9,7 +9,13 @@ import poselib
 from numpy.typing import NDArray
 
 from server.geometry.cameras import Camera
-from server.geometry.poses import SE3, rotation_from_quaternion, rotation_from_vector, vector_from_rotation
+from server.geometry.poses import (
+    SE3,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    rotation_from_vector,
+    vector_from_rotation,
+)
 
 Array = NDArray[np.float64]
 
@@ -183,6 +189,8 @@ def refine_pose(
             rotation, translation = turn @ rotation, turn @ translation + step[3:]
             if np.abs(step).max() < close_enough:
                 break
+    # Rounding is amplified by whoever extrapolates a pose from the last ones: what goes out is a rotation.
+    rotation = rotation_from_quaternion(quaternion_from_rotation(rotation))
     local = points @ rotation.T + translation
     front = local[:, 2] > 1e-6
     residual, jacobian = _whitened(local, rotation, pixels, sigmas, camera, point_covariances, front)
