@@ -58,8 +58,8 @@ class AnchorOptions:
     longest_ride: float = 90.0
     shortest_ride: float = 4.0
     moving_field: float = 1.5
-    turn_rate: float = math.radians(25.0)
-    turn_end: float = math.radians(12.0)
+    turn_rate: float = math.radians(15.0)
+    turn_end: float = math.radians(8.0)
     smallest_turn: float = math.radians(40.0)
     door_pause: tuple[float, float] = (1.5, 6.0)
     outdoors_accuracy: float = 15.0

@@ -52,7 +52,7 @@ class OrganicOptions:
 
 
 WIFI = OrganicOptions(alike=0.04, scale=0.05, unlike=1.0, reach=15.0, floor=3.0, repetition=10.0)
-MAGNETIC = OrganicOptions(alike=1.0, scale=2.7, unlike=16.0, reach=8.0, floor=1.0, repetition=4.0)
+MAGNETIC = OrganicOptions(alike=1.0, scale=2.7, unlike=16.0, reach=8.0, floor=1.0, repetition=8.0)
 
 _NEAREST = 2.0
 """Metres: no cluster is known better than this when clusters are weighed against each other."""
