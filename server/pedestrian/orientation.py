@@ -7,7 +7,7 @@ disturbance rejection, Information Fusion 91, 2023. It tracks the gyroscope's bi
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ class Orientation:
     """``level_from_phone``: z up; x and y turned about it by an unknown angle, which drifts slowly."""
 
     def __init__(self, period: float) -> None:
+        self._period = period
         self._filter = VQF(period)
         self._gyroscope: NDArray[np.float64] = np.zeros(3)
         self._accelerometer: NDArray[np.float64] = np.zeros(3)
@@ -37,6 +38,14 @@ class Orientation:
             (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
             (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_filter": self._filter.state}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._filter = VQF(self._period)
+        self._filter.state = state["_filter"]
 
     @property
     def bias(self) -> tuple[NDArray[np.float64], float]:

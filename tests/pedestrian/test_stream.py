@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from server.pedestrian.events import Event, Step
-from server.pedestrian.samples import Sample
+from server.pedestrian.events import Event, Height, Step
+from server.pedestrian.samples import Accelerometer, Barometer, Sample
 from server.pedestrian.stream import PhoneStream
 from tests.pedestrian.walkers import Walker
 
@@ -76,3 +77,66 @@ def test_headings_and_lengths_are_within_their_variances() -> None:
     lengths = np.array([e.length for e in steps[2:-1]])
     assert lengths.mean() == pytest.approx(walker.speed * walker.interval, rel=0.1)
     assert all(e.length_variance > 0.0 and e.scale_variance > 0.0 for e in steps)
+
+
+def test_a_stream_goes_on_from_its_snapshot() -> None:
+    samples = Walker(noise=1.0).samples()
+    half = len(samples) // 2
+    stream, _ = walk(samples[:half])
+    snapshot = pickle.dumps(stream)
+    assert len(snapshot) < 100_000
+    resumed = pickle.loads(snapshot)  # noqa: S301
+    _, events = walk(samples[half:], stream)
+    _, again = walk(samples[half:], resumed)
+    assert again == events
+    assert resumed.position == stream.position
+
+
+def test_the_state_does_not_grow() -> None:
+    samples = Walker(noise=1.0, corners=((0.0, 0.0), (0.0, 60.0), (40.0, 60.0), (40.0, 0.0))).samples()
+    sizes = []
+    stream = PhoneStream()
+    for i, sample in enumerate(samples):
+        stream.push(sample)
+        if i % (len(samples) // 4) == len(samples) // 4 - 1:
+            sizes.append(len(pickle.dumps(stream)))
+    assert max(sizes) < 1.1 * sizes[0]
+
+
+def test_heights_follow_the_pressure() -> None:
+    """A floor of four metres is climbed in fourteen seconds."""
+    stream, random = PhoneStream(), np.random.default_rng(0)
+    heights = []
+    for i in range(900):
+        t = i / 25.0
+        height = 4.0 * float(np.clip((t - 10.0) / 14.0, 0.0, 1.0))
+        pressure = 1013.25 * np.exp(-height / 8434.0) + random.normal(0.0, 0.02)
+        heights += [e for e in stream.push(Barometer(t, float(pressure))) if isinstance(e, Height)]
+    assert abs(heights[-1].height - 4.0) < 3.0 * np.sqrt(heights[-1].variance)
+    assert abs(heights[8].height) < 3.0 * np.sqrt(heights[8].variance)
+    assert np.sqrt(heights[-1].variance) < 1.0
+
+
+def test_metric_fixes_teach_the_user() -> None:
+    """A walker whose legs are shorter than the model's is learnt from fixes, and known on the next walk."""
+    short = Walker(gain=0.80, corners=((0.0, 0.0), (0.0, 40.0)))
+    times, positions, _, _ = short.path()
+    stream, fixes = PhoneStream(), iter(range(5, 30, 5))
+    due = next(fixes)
+    for sample in short.samples():
+        stream.push(sample)
+        if sample.t > due:
+            at = positions[int(np.searchsorted(times, due))]
+            stream.fix(due, (float(at[0]), float(at[1])), 0.05 * np.eye(2))
+            due = next(fixes, 10**9)
+    plain, _ = walk(short.samples())
+    taught, _ = walk(short.samples(), PhoneStream(profile=stream.profile))
+    assert abs(taught.position[1] - 40.0) < 0.4 * abs(plain.position[1] - 40.0)
+
+
+def test_a_phone_without_a_gyroscope_still_counts() -> None:
+    walker = Walker(noise=1.0)
+    _, events = walk([s for s in walker.samples() if isinstance(s, Accelerometer)])
+    steps = [e for e in events if isinstance(e, Step)]
+    assert len(steps) == walker.steps
+    assert all(step.heading is None for step in steps)

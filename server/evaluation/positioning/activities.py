@@ -19,6 +19,7 @@ from scipy.optimize import minimize
 from server.evaluation.positioning.folders import RecordingError, unpacked
 from server.evaluation.positioning.mall import MallWalk
 from server.pedestrian.activities import CLASSES, RATE_HZ, WINDOW, ActivityModel, features
+from server.pedestrian.anchors import AnchorOptions, Moment, StairsDetector
 from server.pedestrian.events import Activity
 from server.pedestrian.resampling import MotionGrid
 from server.pedestrian.samples import Accelerometer, Gyroscope
@@ -46,14 +47,30 @@ class LabelledWindows:
     values: Array = field(repr=False)
     classes: Indices = field(repr=False)
     people: Indices = field(repr=False)
+    passages: tuple[Passage, ...] = field(repr=False, default=())
     broken_labels: int = 0
 
 
 @dataclass(frozen=True, slots=True)
+class Passage:
+    """One labelled stretch: its class, its person, features (N, F) once a second as in the stream."""
+
+    activity: Activity
+    person: int
+    values: Array = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
 class ActivityReport:
-    """``confusion``: (4, 4) windows, rows the truth, of people left out of the learning."""
+    """Of people left out of the learning.
+
+    Args:
+        confusion: (4, 4) windows, rows the truth.
+        stairs: for each true activity, how many stretches the detector of stairs took for what.
+    """
 
     confusion: Array
+    stairs: dict[str, dict[str, int]]
     people: int
     broken_labels: int
 
@@ -66,6 +83,7 @@ class ActivityReport:
             "balanced_accuracy": self.balanced_accuracy,
             "classes": [activity.value for activity in CLASSES],
             "confusion": self.confusion.astype(int).tolist(),
+            "stairs_detected_in_stretches": self.stairs,
             "people": self.people,
             "window_seconds": WINDOW / 50.0,
             "broken_labels": self.broken_labels,
@@ -75,7 +93,7 @@ class ActivityReport:
 def read_windows(folder: Path) -> LabelledWindows:
     """Raises: RecordingError: no such recordings."""
     with unpacked(folder, "labels.txt") as files:
-        values, classes, people, broken = [], [], [], 0
+        values, classes, people, passages, broken = [], [], [], [], 0
         labels = np.loadtxt(files[0], dtype=int, ndmin=2)
         for experiment, user, code, first, last in labels.tolist():
             force, turning = _read(files[0].parent, experiment, user)
@@ -84,6 +102,11 @@ def read_windows(folder: Path) -> LabelledWindows:
             if not first < last <= len(force):
                 broken += 1
                 continue
+            every_second = [
+                features(force[begin : begin + WINDOW], turning[begin : begin + WINDOW])
+                for begin in range(first, last - WINDOW + 1, int(RATE_HZ))
+            ]
+            passages.append(Passage(_CODES[code], user, np.array(every_second)))
             for begin in range(first, last - WINDOW + 1, WINDOW // 2):
                 window = slice(begin, begin + WINDOW)
                 values.append(features(force[window], turning[window]))
@@ -91,7 +114,7 @@ def read_windows(folder: Path) -> LabelledWindows:
                 people.append(user)
     if not values:
         raise RecordingError(f"{folder} has no labelled windows of {WINDOW} samples")
-    return LabelledWindows(np.array(values), np.array(classes), np.array(people), broken)
+    return LabelledWindows(np.array(values), np.array(classes), np.array(people), tuple(passages), broken)
 
 
 def _read(folder: Path, experiment: int, user: int) -> tuple[Array, Array]:
@@ -160,12 +183,30 @@ def learn(values: Array, classes: Indices, penalty: float = 1.5) -> ActivityMode
 
 
 def judge_activities(windows: LabelledWindows) -> ActivityReport:
-    """Each person's windows by a model of all the others."""
+    """Each person's windows, and stretches of stairs, by a model of all the others."""
     confusion = np.zeros((len(CLASSES), len(CLASSES)))
+    stairs: dict[str, dict[str, int]] = {activity.value: {} for activity in CLASSES}
     people = np.setdiff1d(windows.people, [NOBODY])
     for person in people:
         own = windows.people == person
         model = learn(windows.values[~own], windows.classes[~own])
         said = model.probabilities(windows.values[own]).argmax(axis=1)
         np.add.at(confusion, (windows.classes[own], said), 1.0)
-    return ActivityReport(confusion, len(people), windows.broken_labels)
+        for passage in windows.passages:
+            if passage.person == person:
+                seen = stairs[passage.activity.value]
+                detected = _detected(model, passage)
+                seen[detected] = seen.get(detected, 0) + 1
+    return ActivityReport(confusion, stairs, len(people), windows.broken_labels)
+
+
+def _detected(model: ActivityModel, passage: Passage) -> str:
+    """The stairs on which the detector thinks the walker was for longest."""
+    detector = StairsDetector(AnchorOptions())
+    said = [CLASSES[i] for i in model.probabilities(passage.values).argmax(axis=1)]
+    lasted: dict[str, float] = {}
+    for t, activity in enumerate([*said, Activity.WALKING, Activity.WALKING]):
+        sighting = detector.update(Moment(float(t), activity, True, 0.0, None, 0.0))
+        if sighting is not None:
+            lasted[sighting.kind] = lasted.get(sighting.kind, 0.0) + sighting.until - sighting.t
+    return max(lasted, key=lambda kind: lasted[kind]) if lasted else "nothing"
