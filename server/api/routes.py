@@ -90,7 +90,10 @@ async def delete_route(route_id: UUID, caller: Caller, unit: Unit, parts: Parts)
 async def put_camera(
     route_id: UUID, body: CameraDescription, caller: Caller, unit: Unit, parts: Parts
 ) -> RouteDocument:
-    """The leader's camera. Optional; to be sent before the video. After a failed build it starts another."""
+    """The leader's camera, if it is known: before the video.
+
+    After a failed build it starts another with the video that is there.
+    """
     route = await parts.routes.set_camera(unit, caller.owner, route_id, body.model_dump())
     return route_document(route)
 

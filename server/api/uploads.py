@@ -38,7 +38,10 @@ router = APIRouter(prefix="/v1/routes", tags=["routes"], responses=PROBLEMS)
     },
 )
 async def put_video(route_id: UUID, request: Request, caller: Caller, parts: Parts) -> RouteDocument:
-    """The leader's video, as the request's body. The map is built from it, with the camera that was sent before; without one the walk tells it."""
+    """The leader's video, as the request's body.
+
+    The map is built from it with the camera that was sent before; without one the walk tells it.
+    """
     declared = request.headers.get("content-length", "")
     length = int(declared) if declared.isdigit() else None
     route = await parts.routes.receive_video(caller.owner, route_id, _chunks(request), length)

@@ -70,7 +70,12 @@ class CloseCode(IntEnum):
         "a binary message without a valid header",
         "A fault of the client: log `detail`, do not retry.",
     )
-    BAD_CAMERA = 4422, False, "the camera is unknown or impossible", "Correct the camera in `hello`."
+    BAD_CAMERA = (
+        4422,
+        False,
+        "the camera is impossible, or its pictures are too large",
+        "Correct the camera in `hello`; if it is not known, send null.",
+    )
     MAP_UNUSABLE = 4424, False, "the stored map cannot be read", "Say that the route has to be made anew."
     RATE_EXCEEDED = 4429, False, "too many messages", "Begin anew with fewer pictures a second."
     SUPERSEDED = 4440, False, "the session goes on on another connection", "Nothing: the other one has it."

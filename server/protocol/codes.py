@@ -118,6 +118,7 @@ class BuildStageCode(Code):
     QUEUED = "queued", "waiting for a build before it"
     STARTING = "starting", "its process starts"
     DECODING = "decoding", "the video is opened"
+    CALIBRATING = "calibrating", "no camera was sent: its lens is found out from the first of the walk"
     TRACKING = "tracking", "the camera is followed through the video; most of the time goes here"
     CLOSING = "closing", "places seen twice are recognised"
     REFINING = "refining", "the whole walk is adjusted at once"

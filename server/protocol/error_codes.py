@@ -35,7 +35,7 @@ class ErrorCode(StrEnum):
     BAD_FRAME = (
         "bad_frame",
         None,
-        "no JPEG, or not of the camera's size; a time over an hour ahead of the phone's clock",
+        "no JPEG, or of another size than the camera's; a time over an hour ahead of the phone's clock",
     )
     FRAME_LOST = "frame_lost", None, "a picture that was taken but could not be answered"
     UNSUPPORTED_FRAME_TYPE = "unsupported_frame_type", None, "a type that this version does not know"
@@ -48,8 +48,7 @@ class ErrorCode(StrEnum):
     BAD_HELLO = "bad_hello", CloseCode.BAD_MESSAGE, "none came, or it does not fit"
     BAD_MESSAGE = "bad_message", CloseCode.BAD_MESSAGE, "not JSON, an unknown type or field, a second hello"
     UNSUPPORTED_PROTOCOL = "unsupported_protocol", CloseCode.UNSUPPORTED_VERSION, "the hello's `protocol`"
-    CAMERA_REQUIRED = "camera_required", CloseCode.BAD_CAMERA, "the camera is unknown"
-    BAD_CAMERA = "bad_camera", CloseCode.BAD_CAMERA, "no real camera fits, or its pictures are too large"
+    BAD_CAMERA = "bad_camera", CloseCode.BAD_CAMERA, "no real camera is so, or its pictures are too large"
     UNKNOWN_ROUTE = "unknown_route", CloseCode.UNKNOWN_ROUTE, "no such route of this caller"
     ROUTE_NOT_READY = "route_not_ready", CloseCode.ROUTE_NOT_READY, "the route has no map, or none yet"
     ROUTE_DELETED = "route_deleted", CloseCode.ROUTE_DELETED, "the route was removed", True

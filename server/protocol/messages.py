@@ -34,7 +34,8 @@ class Hello(_FromClient):
 
     Attributes:
         protocol: version the client speaks.
-        camera: of the pictures as they are sent, before ``orientation`` turns them; null if unknown.
+        camera: of the pictures as they are sent, before ``orientation`` turns them; null if unknown:
+            then the first fixes tell it.
         orientation: degrees clockwise by which a picture has to be turned to stand upright.
         clock_us: the phone's clock now, the one capture times are of.
         capabilities: names of what the client can do; unknown ones are ignored.

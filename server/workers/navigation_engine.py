@@ -103,10 +103,10 @@ class MapSession:
     def _check_size(self, width: int, height: int) -> None:
         camera = self._camera
         # Some phones turn their pictures when they are turned on their side.
-        if camera is not None and {(width, height), (height, width)}.isdisjoint(
-            {(camera.width, camera.height)}
-        ):
-            raise PictureRefused(f"the picture is {width}x{height}, its camera {camera.width}x{camera.height}")
+        if camera is not None and sorted((width, height)) != sorted((camera.width, camera.height)):
+            raise PictureRefused(
+                f"the picture is {width}x{height}, its camera {camera.width}x{camera.height}"
+            )
 
     def snapshot(self) -> Any:
         """See :meth:`EngineSession.snapshot`."""

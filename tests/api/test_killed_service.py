@@ -40,8 +40,8 @@ def create(client: httpx.Client) -> str:
 
 def upload(client: httpx.Client, video: bytes) -> str:
     route = create(client)
-    client.put(f"/v1/routes/{route}/video", content=video).raise_for_status()
     client.put(f"/v1/routes/{route}/camera", json=CAMERA).raise_for_status()
+    client.put(f"/v1/routes/{route}/video", content=video).raise_for_status()
     return route
 
 
@@ -94,7 +94,6 @@ def test_an_upload_that_a_restart_cuts_off_leaves_nothing(tmp_path: Path, how: s
         assert client.get(f"/v1/routes/{route}").json()["video_bytes"] is None
         assert client.get(f"/v1/routes/{ready}/map").content == b"MAPgood"
         client.put(f"/v1/routes/{route}/video", content=b"good").raise_for_status()
-        client.put(f"/v1/routes/{route}/camera", json=CAMERA).raise_for_status()
         wait(client, route, "ready")
 
 
@@ -154,7 +153,6 @@ def test_a_full_disk_is_said_and_nothing_is_half_stored(tmp_path: Path) -> None:
         assert client.get(f"/v1/routes/{ready}/map").content == b"MAPgood"
         resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, before)
         client.put(f"/v1/routes/{route}/video", content=b"good" + bytes(400_000)).raise_for_status()
-        client.put(f"/v1/routes/{route}/camera", json=CAMERA).raise_for_status()
         wait(client, route, "ready")
 
 

@@ -48,8 +48,8 @@ def test_a_thousand_sessions_leak_nothing(
         httpx.Client(base_url=service.url, trust_env=False, timeout=30) as http,
     ):
         route = http.post("/v1/routes", json=NEW_ROUTE).json()["id"]
-        http.put(f"/v1/routes/{route}/video", content=str(demo_route.map_file).encode()).raise_for_status()
         http.put(f"/v1/routes/{route}/camera", json=demo_route.leader.camera.to_json()).raise_for_status()
+        http.put(f"/v1/routes/{route}/video", content=str(demo_route.map_file).encode()).raise_for_status()
         deadline = time.monotonic() + 30
         while http.get(f"/v1/routes/{route}").json()["state"] != "ready" and time.monotonic() < deadline:
             time.sleep(0.1)

@@ -167,7 +167,6 @@ async def test_what_is_not_the_protocol_ends_the_connection(
     ("change", "code", "close"),
     [
         ({"protocol": 2}, "unsupported_protocol", CloseCode.UNSUPPORTED_VERSION),
-        ({"camera": None}, "camera_required", CloseCode.BAD_CAMERA),
         ({"camera": {**CAMERA, "params": [1, 1, 1, 1]}}, "bad_camera", CloseCode.BAD_CAMERA),
         (
             {
@@ -192,6 +191,19 @@ async def test_a_bad_hello_is_refused(
     async with shared.connect(route) as socket:
         await socket.send(json.dumps({**HELLO, **change}))
         await refused(socket, code, close)
+
+
+async def test_a_session_without_a_camera_is_answered(shared: Service, route: str) -> None:
+    async with shared.connect(route) as socket:
+        welcome = await hello(socket, camera=None)
+        await send_picture(socket, 1)
+        assert (await update(socket)).fix is not None
+    async with shared.connect(route) as socket:
+        again = await hello(socket, camera=None, resume_token=welcome.resume_token)
+        assert (again.resumed, again.session_id) == (True, welcome.session_id)
+    async with shared.connect(route) as socket:
+        other = await hello(socket, resume_token=welcome.resume_token)
+        assert not other.resumed, "a session whose camera is known is another one"
 
 
 async def test_a_camera_that_cannot_be_rectified_is_refused_at_once(

@@ -35,7 +35,7 @@ def assert_problem(response: httpx.Response, status: int, code: str) -> dict[str
     return document
 
 
-async def test_a_video_and_a_camera_become_a_ready_route(shared: Service) -> None:
+async def test_a_camera_and_a_video_become_a_ready_route(shared: Service) -> None:
     created = await shared.http.post("/v1/routes", json={**NEW_ROUTE, "measured_length_m": 12.5})
     assert created.status_code == 201
     route = created.json()
@@ -43,15 +43,19 @@ async def test_a_video_and_a_camera_become_a_ready_route(shared: Service) -> Non
     assert (route["state"], route["has_camera"], route["video_bytes"]) == ("created", False, None)
 
     url = f"/v1/routes/{route['id']}"
+    described = (await shared.http.put(f"{url}/camera", json=CAMERA)).json()
+    assert (described["state"], described["has_camera"]) == ("created", True)
     uploaded = (await shared.http.put(f"{url}/video", content=b"good" + b"x" * 50_000)).json()
-    assert (uploaded["state"], uploaded["video_bytes"]) == ("created", 50_004)
-    queued = (await shared.http.put(f"{url}/camera", json=CAMERA)).json()
-    assert queued["state"] == "uploaded"
+    assert (uploaded["state"], uploaded["video_bytes"]) == ("uploaded", 50_004)
 
     ready = await shared.wait(route["id"], "ready", "failed")
     assert ready["state"] == "ready"
     assert ready["build"] == {"stage": "finished", "fraction": 1.0, "attempt": 1}
     assert ready["report"]["lost"] == [{"start_s": 0.1, "end_s": 0.2}]
+    assert (ready["report"]["camera"]["params"], ready["report"]["camera_source"]) == (
+        CAMERA["params"],
+        "given",
+    )
     assert ready["map"]["length_m"] == 12.5
     path = (await shared.http.get(f"{url}/path")).json()
     assert path["position"] == [[0, 0, 0], [0, 1, 0]]
@@ -60,12 +64,35 @@ async def test_a_video_and_a_camera_become_a_ready_route(shared: Service) -> Non
     assert ready["map"]["bytes"] == len(downloaded.content) == int(downloaded.headers["content-length"])
 
 
-async def test_camera_first_works_too(shared: Service) -> None:
+async def test_a_video_without_a_camera_becomes_a_ready_route(shared: Service) -> None:
     route_id = (await shared.http.post("/v1/routes", json=NEW_ROUTE)).json()["id"]
-    await shared.http.put(f"/v1/routes/{route_id}/camera", json=CAMERA)
     done = await shared.http.put(f"/v1/routes/{route_id}/video", content=b"good")
     assert done.json()["state"] == "uploaded"
-    await shared.wait(route_id, "ready")
+    ready = await shared.wait(route_id, "ready", "failed")
+    assert (ready["state"], ready["has_camera"]) == ("ready", False)
+    assert (ready["report"]["camera"], ready["report"]["camera_source"]) == (None, "assumed")
+
+
+async def test_a_camera_that_comes_after_the_video_is_refused(shared: Service) -> None:
+    route_id = (await shared.http.post("/v1/routes", json=NEW_ROUTE)).json()["id"]
+    url = f"/v1/routes/{route_id}"
+    await shared.http.put(f"{url}/video", content=b"slow")
+    assert_problem(await shared.http.put(f"{url}/camera", json=CAMERA), 409, "route_state")
+    await shared.wait(route_id, "building")
+    assert_problem(await shared.http.put(f"{url}/camera", json=CAMERA), 409, "route_state")
+    assert (await shared.http.delete(url)).status_code == 204
+
+
+async def test_a_failed_build_is_tried_again_with_another_camera(shared: Service) -> None:
+    route_id = await shared.upload(b"cam!")
+    url = f"/v1/routes/{route_id}"
+    failed = await shared.wait(route_id, "failed", "ready")
+    assert failed["failure"]["reason"] == "camera_mismatch"
+    other = {**CAMERA, "width": 480, "height": 640, "params": [500.0, 500.0, 240.0, 320.0]}
+    queued = (await shared.http.put(f"{url}/camera", json=other)).json()
+    assert (queued["state"], queued["failure"], queued["video_bytes"]) == ("uploaded", None, 4)
+    ready = await shared.wait(route_id, "ready", "failed")
+    assert ready["report"]["camera"]["width"] == 480
 
 
 async def test_a_failed_build_says_why_and_takes_another_video(shared: Service) -> None:
@@ -207,7 +234,7 @@ async def test_every_problem_is_documented() -> None:
     known = {code: int(status) for code, status in problems._DOMAIN_STATUS.items()}
     known |= {code: status for status, code in problems._HTTP_CODES.items()}
     for code, status in known.items():
-        assert f"`{code}` {status}" in PROTOCOL
+        assert f"| {status} | `{code}` |" in PROTOCOL
 
 
 async def test_sizes_are_limited(shared: Service) -> None:

@@ -19,7 +19,7 @@ class NoPool:
         self,
         session: str,
         map_file: str,
-        camera: Mapping[str, Any],
+        camera: Mapping[str, Any] | None,
         orientation: int,
         snapshot: Any | None = None,
     ) -> None:

@@ -44,11 +44,11 @@ class Service:
         self.http = http
 
     async def upload(self, video: bytes, **fields: Any) -> str:
-        """Create a route and upload its video and camera; returns its id."""
+        """Create a route and upload its camera and video; returns its id."""
         response = await self.http.post("/v1/routes", json={**NEW_ROUTE, **fields})
         route_id: str = response.raise_for_status().json()["id"]
-        (await self.http.put(f"/v1/routes/{route_id}/video", content=video)).raise_for_status()
         (await self.http.put(f"/v1/routes/{route_id}/camera", json=CAMERA)).raise_for_status()
+        (await self.http.put(f"/v1/routes/{route_id}/video", content=video)).raise_for_status()
         return route_id
 
     async def wait(self, route_id: str, *states: str) -> dict[str, Any]:

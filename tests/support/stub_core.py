@@ -32,9 +32,10 @@ JPEG = b"\xff\xd8"
 
 
 def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> BuildOutcome:
-    """``good``, ``bad``, ``weak``, ``blur``, ``die``, ``raise``, or ``slow`` until it is given up.
+    """``good``, ``bad``, ``weak``, ``blur``, ``cam``, ``die``, ``raise``, or ``slow`` until it is given up.
 
-    A ``weak`` walk gives a map and a ``blur`` none, both with a quality report.
+    A ``weak`` walk gives a map and a ``blur`` none, both with a quality report. A ``cam`` is of an upright
+    camera.
     """
     command = order.video.read_bytes()[:4]
     on_progress(JobProgress("tracking", 0.25))
@@ -46,6 +47,8 @@ def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> Buil
         "video_s": 0.3,
         "lost": [{"start_s": 0.1, "end_s": 0.2}],
         "build_s": 0.1,
+        "camera": order.camera,
+        "camera_source": "assumed" if order.camera is None else "given",
     }
     if command == b"die!":
         os._exit(7)
@@ -56,6 +59,8 @@ def build(order: BuildOrder, on_progress: Callable[[JobProgress], None]) -> Buil
             time.sleep(0.05)
     if command == b"bad!":
         return BuildOutcome("no_texture", "the walls are bare", report=report)
+    if command == b"cam!" and order.camera is not None and order.camera["width"] > order.camera["height"]:
+        return BuildOutcome("camera_mismatch", "the video is taller than wide", report=report)
     pictures: tuple[Path, ...] = ()
     if command in (b"weak", b"blur"):
         pictures = _quality(order, report)
@@ -171,7 +176,7 @@ class StubEngine:
         self.maps = maps
 
     def open(
-        self, map_file: str, camera: Mapping[str, Any], orientation: int, snapshot: Any | None
+        self, map_file: str, camera: Mapping[str, Any] | None, orientation: int, snapshot: Any | None
     ) -> StubSession:
         """See ``Engine.open``."""
         if not Path(map_file).read_bytes().startswith(b"MAP"):
@@ -183,7 +188,7 @@ class ThreadCountingEngine(StubEngine):
     """Its sessions begin at a count of the most threads that any library would use, less one."""
 
     def open(
-        self, map_file: str, camera: Mapping[str, Any], orientation: int, snapshot: Any | None
+        self, map_file: str, camera: Mapping[str, Any] | None, orientation: int, snapshot: Any | None
     ) -> StubSession:
         """See ``Engine.open``."""
         import cv2
