@@ -9,17 +9,18 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from server.features.extraction import OrbExtractor, OrbOptions
 from server.features.tracking import FeatureTracker, TrackerOptions
-from server.geometry.cameras import Camera, Rectifier, square_pixels, typical_camera
+from server.geometry.cameras import Camera, CameraModel, Rectifier, square_pixels, typical_camera
 from server.geometry.poses import SE3
 from server.mapping.assembly import assemble, locate_frames
 from server.mapping.closing import close_map
 from server.mapping.evidence import tracking_record
 from server.mapping.front_end import WalkFrame, follow_features, straightened
-from server.mapping.global_refinement import RefinementOptions, refine_globally
+from server.mapping.global_refinement import RefinementOptions, displacement, refine_globally
 from server.mapping.joining import JoinOptions, Joint, join
 from server.mapping.outcome import (
     BuildProgress,
@@ -42,6 +43,8 @@ from server.mapping.video import FRAME_RATE, UnreadableVideoError, VideoFrame, p
 from server.mapping.visual_odometry import OdometryOptions, TrackedFrame, TrackingState, VisualOdometry
 from server.mapping.working_map import WorkingMap
 
+Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True, slots=True)
 class BuildOptions:
@@ -55,6 +58,8 @@ class BuildOptions:
         calibration: how an unknown camera is found out.
         min_tracked: share of the frames that must be tracked for a map to be worth having.
         lens_tolerance: relative displacement of pixels up to which a given camera is not refined.
+        lens_bends: from which on a lens has bent the odometry, which then is done anew with the refined one;
+            most_walks: how often it is done at most.
         measured_length: length of the walk in metres, if somebody measured it: fixes the scale.
     """
 
@@ -70,6 +75,8 @@ class BuildOptions:
     max_seconds: float = 1800.0
     min_tracked: float = 0.7
     lens_tolerance: float = 0.02
+    lens_bends: float = 0.03
+    most_walks: int = 3
     measured_length: float | None = None
 
 
@@ -201,8 +208,12 @@ class _Walk:
         self.options = options
         self.extractor = extractor
         self.rectifier = rectifier
-        self.lenses = [lens]
         self.origin = origin
+        self._taken: list[WalkFrame] = []
+        self._begin(lens)
+
+    def _begin(self, lens: Camera) -> None:
+        self.lenses = [lens]
         self.camera = square_pixels(lens)
         self.frames: list[WalkFrame] = []
         self.parts = [self._odometry()]
@@ -215,6 +226,10 @@ class _Walk:
         return VisualOdometry(self.camera, self.extractor.scale_factor, self.options.odometry)
 
     def take(self, frame: WalkFrame) -> None:
+        self._taken.append(frame)
+        self._follow(frame)
+
+    def _follow(self, frame: WalkFrame) -> None:
         before = self.frames[-1] if self.frames else None
         frame = straightened(frame, before, self.lenses[0], self.camera)
         self.frames.append(frame)
@@ -234,23 +249,9 @@ class _Walk:
                 f"the video has {len(self.frames)} usable frames; a walk needs at least {options.min_frames}",
                 report,
             )
-        maps = [part.map for part in self.parts if len(part.map.keyframes) >= options.min_keyframes]
-        if not maps:
-            return self._no_start(report)
-        progress(BuildStage.CLOSING, 0.0)
-        working = maps[0]
-        turns = [frame.turn for frame in self.frames]
-        for part in maps[1:]:
-            ends = working.keyframes[-1].frame, part.keyframes[0].frame
-            joint = join(working, part, turns, options.joining)
-            if joint is Joint.BRIDGED:
-                self._bridges.append(ends)
-            if joint is None:
-                blind = tuple(self.frames[m.keyframes[k].frame].time for m, k in ((working, -1), (part, 0)))
-                return self._torn(report, maps, (blind[0], blind[1]))
-        close_map(working, options.joining.revisits)
-        progress(BuildStage.REFINING, 0.0)
-        self._refine(working)
+        working = self._map(report, progress)
+        if isinstance(working, BuildResult):
+            return working
         progress(BuildStage.FINISHING, 0.0)
         located = locate_frames(
             working,
@@ -273,20 +274,79 @@ class _Walk:
         progress(BuildStage.FINISHING, 1.0)
         return BuildResult(BuildStatus.READY, route_map, report)
 
-    def _refine(self, working: WorkingMap) -> None:
-        """Adjust the whole walk, and its lens with it where the walk tells what that is."""
-        vote = vote_focal(
-            [frame.features for frame in self.frames], self.camera, self.options.calibration.vote
-        )
+    def _map(self, report: BuildReport, progress: _Progress) -> WorkingMap | BuildResult:
+        """The adjusted map of the whole walk, or why there is none.
+
+        A lens that is clearly another than what the odometry believed has bent the walk beyond what an
+        adjustment mends: then the odometry is done again.
+        """
+        options = self.options
+        vote = vote_focal([frame.features for frame in self.frames], self.camera, options.calibration.vote)
+        bent = vote.contradicts(self.camera.focal[0])
+        if bent:
+            focal = (vote.focal, *self.camera.centre, 0.0, 0.0)
+            self.lenses.append(Camera(CameraModel.RADIAL, self.camera.width, self.camera.height, focal))
+        for _ in range(options.most_walks):
+            if bent:
+                self._walk_again(progress)
+            working = self._put_together(report, progress)
+            if isinstance(working, BuildResult):
+                return working
+            progress(BuildStage.REFINING, 0.0)
+            bent = self._refine(working, vote.decided) > options.lens_bends
+            if not bent:
+                break
+        return working
+
+    def _put_together(self, report: BuildReport, progress: _Progress) -> WorkingMap | BuildResult:
+        """The walk's parts as one map, or why that cannot be."""
+        options = self.options
+        maps = [part.map for part in self.parts if len(part.map.keyframes) >= options.min_keyframes]
+        if not maps:
+            return self._no_start(report)
+        progress(BuildStage.CLOSING, 0.0)
+        working = maps[0]
+        turns = [frame.turn for frame in self.frames]
+        for part in maps[1:]:
+            ends = working.keyframes[-1].frame, part.keyframes[0].frame
+            joint = join(working, part, turns, options.joining)
+            if joint is Joint.BRIDGED:
+                self._bridges.append(ends)
+            if joint is None:
+                blind = tuple(self.frames[m.keyframes[k].frame].time for m, k in ((working, -1), (part, 0)))
+                return self._torn(report, maps, (blind[0], blind[1]))
+        close_map(working, options.joining.revisits)
+        return working
+
+    def _walk_again(self, progress: _Progress) -> None:
+        """Do the odometry anew with what is known of the lens by now."""
+        target = self.rectifier.target
+        pixels = _grid(target)
+        self._revise_origin()
+        self._begin(fitted_camera(pixels, self._rays(pixels), target))
+        for count, frame in enumerate(self._taken):
+            self._follow(frame)
+            progress(BuildStage.TRACKING, count / len(self._taken))
+
+    def _revise_origin(self) -> None:
+        given = self.origin in (CameraSource.GIVEN, CameraSource.REFINED)
+        self.origin = CameraSource.REFINED if given else CameraSource.ESTIMATED
+
+    def _refine(self, working: WorkingMap, free_lens: bool) -> float:
+        """Adjust the whole walk, and its lens with it where the walk tells what that is.
+
+        Returns:
+            How far pixels came to lie from where the odometry had them, relative.
+        """
         # Intrinsics that were given are only given up for ones that are clearly others.
         tolerance = self.options.lens_tolerance if self.origin is CameraSource.GIVEN else 0.0
         before = working.camera
         refine_globally(
             working,
-            replace(self.options.refinement, free_lens=vote.decided, lens_tolerance=tolerance),
+            replace(self.options.refinement, free_lens=free_lens, lens_tolerance=tolerance),
         )
         if working.camera == before:
-            return
+            return 0.0
         lens, ideal = working.camera, square_pixels(working.camera)
         straight: list[WalkFrame] = []
         for frame in self.frames:
@@ -295,20 +355,23 @@ class _Walk:
         working.straighten(ideal)
         self.camera = ideal
         self.lenses.append(lens)
-        self.origin = CameraSource.REFINED if self.origin is CameraSource.GIVEN else CameraSource.ESTIMATED
+        self._revise_origin()
+        return displacement(lens, before)
 
     def _source_camera(self) -> Camera:
         """The camera of the upright video's pictures as the walk was mapped with."""
         source, target = self.rectifier.source, self.rectifier.target
         if self.origin is CameraSource.GIVEN:
             return source
-        u, v = (np.linspace(0.0, side, 13) for side in (target.width, target.height))
-        pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-        taken = source.project_rays(target.normalize(pixels))
+        pixels = _grid(target)
+        return fitted_camera(source.project_rays(target.normalize(pixels)), self._rays(pixels), source)
+
+    def _rays(self, pixels: Array) -> Array:
+        """Rays (N, 2) on z = 1 of the rectified picture's pixels (N, 2), as far as the lens is known."""
         for lens in self.lenses:
             rays = lens.normalize(pixels)
             pixels = square_pixels(lens).project_rays(rays)
-        return fitted_camera(taken, rays, source)
+        return rays
 
     def quality(self, route_map: RouteMap | None) -> QualityReport:
         """The quality report of the finished walk."""
@@ -374,6 +437,12 @@ class _Walk:
             camera=self._source_camera(),
             camera_source=self.origin,
         )
+
+
+def _grid(camera: Camera) -> Array:
+    """Pixels (169, 2) all over a picture."""
+    u, v = (np.linspace(0.0, side, 13) for side in (camera.width, camera.height))
+    return np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
 
 
 def _where_lost(report: BuildReport) -> str:

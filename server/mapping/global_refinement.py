@@ -57,7 +57,7 @@ def refine_globally(working: WorkingMap, options: RefinementOptions | None = Non
     for round_number in range(options.rounds):
         _drop_weak(working, options.min_observations if round_number else 2)
         _adjust(working, options)
-        if round_number == 0 and _displacement(working.camera, before) <= options.lens_tolerance:
+        if round_number == 0 and displacement(working.camera, before) <= options.lens_tolerance:
             working.camera = before
             options = replace(options, free_lens=False)
         _drop_outliers(working, options.max_error)
@@ -72,7 +72,7 @@ def _radial(camera: Camera) -> Camera:
     )
 
 
-def _displacement(lens: Camera, other: Camera) -> float:
+def displacement(lens: Camera, other: Camera) -> float:
     """How far two lenses see the same rays apart, at most, as a share of the distance from the centre."""
     reach = np.hypot(other.width, other.height) / 2
     across = other.centre[0] + reach * np.linspace(0.1, 1.0, 10)

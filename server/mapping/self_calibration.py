@@ -93,6 +93,10 @@ class FocalVote:
     high: float
     decided: bool
 
+    def contradicts(self, focal: float, slack: float = 1.2) -> bool:
+        """Whether a focal length lies clearly outside of what fits: by more than the factor ``slack``."""
+        return self.decided and not self.low / slack < focal < self.high * slack
+
 
 def vote_focal(
     frames: Sequence[TrackedFeatures], camera: Camera, options: FocalVoteOptions | None = None
@@ -213,7 +217,7 @@ def learn_lens(
                 report(1.0)
                 lens = odometry.map.camera
                 # An adjustment that leaves what the votes allow has been led astray.
-                return taken, lens if vote.low / 1.2 < lens.focal[0] < vote.high * 1.2 else start
+                return taken, start if vote.contradicts(lens.focal[0]) else lens
     return taken, None
 
 
