@@ -33,6 +33,10 @@ PRESSURE = PhysicalRange(300.0, 1100.0, 1200.0, (1.0, 0.01, 10.0, 1e3, 1e-3))
 """hPa; from Pa, kPa, bar."""
 
 
+_PATIENCE = 4
+"""So many times the first readings may be added to before no unit is said to explain them."""
+
+
 class UnitGuard:
     """Decides by the median of the first readings' norms; decides anew when later ones leave the range."""
 
@@ -47,7 +51,7 @@ class UnitGuard:
         """What to multiply a reading by; ``None`` if it is of no use, or not yet."""
         if self.factor is not None:
             return self.factor if norm * self.factor <= self.range.limit else None
-        return 1.0 if 0.5 * self.range.low <= norm <= 2.0 * self.range.high else None
+        return 1.0 if 0.35 * self.range.low <= norm <= 4.0 * self.range.high else None
 
     def observe(self, norm: float) -> bool:
         """Take a reading's norm, in its own unit.
@@ -63,10 +67,14 @@ class UnitGuard:
             if self._strays <= self._count:
                 return False
             self.factor, self._strays = None, 0
-        self._norms.append(norm)
-        if len(self._norms) < self._count:
+        norms = self._norms
+        norms.append(norm)
+        if len(norms) % self._count:
             return False
-        median = statistics.median(self._norms)
-        self._norms.clear()
+        median = statistics.median(norms)
         self.factor = next((f for f in bounds.factors if bounds.low <= median * f <= bounds.high), None)
+        # Half a second of a vigorous step is no fair sample; a few steps are.
+        if self.factor is None and len(norms) < _PATIENCE * self._count:
+            return False
+        norms.clear()
         return True
