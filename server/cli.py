@@ -44,7 +44,12 @@ app.add_typer(
 DEFAULT_SERVER = "http://127.0.0.1:8000"
 
 WalkFolder = Annotated[
-    Path, typer.Argument(help="Folder with video.mp4 and camera.json.", metavar="WALK", show_default=False)
+    Path,
+    typer.Argument(
+        help="Folder with video.mp4 and, if the camera is known, camera.json.",
+        metavar="WALK",
+        show_default=False,
+    ),
 ]
 Server = Annotated[str, typer.Option("--server", envvar="PAIRNAVI_SERVER", help="URL of the service.")]
 

@@ -42,7 +42,7 @@ class ExportFormat(StrEnum):
 
 
 MapFile = Annotated[Path, typer.Argument(help="A route map's file.", metavar="MAP", show_default=False)]
-CameraFile = Annotated[Path | None, typer.Option("--camera", help="JSON of the video's camera.")]
+CameraFile = Annotated[Path | None, typer.Option("--camera", help="JSON of the video's camera, if known.")]
 Length = Annotated[
     float | None, typer.Option("--length", help="Length of the walk in metres: fixes the scale.", min=0.1)
 ]
@@ -66,8 +66,6 @@ def build(
         if report is not None:
             _check_out(report, force, folder=True)
         described = _camera(camera)
-        if described is None:
-            _fail("the video's camera is not known: give its JSON with --camera")
         with _progress(f"map of {video.name}") as progress:
             result = build_route_map(
                 video,

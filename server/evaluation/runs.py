@@ -25,7 +25,9 @@ from server.navigation.session import NavigationSession
 JPEG_QUALITY = 90
 
 
-def build_map(video: Path, camera: Camera | None, map_file: Path, report: Callable[[float], None]) -> BuildFigures:
+def build_map(
+    video: Path, camera: Camera | None, map_file: Path, report: Callable[[float], None]
+) -> BuildFigures:
     """Build a route map from a leader's video and write it to ``map_file``; ``report`` gets 0 to 1."""
     started = time.perf_counter()
     result = build_route_map(video, camera, on_progress=lambda progress: report(progress.fraction))

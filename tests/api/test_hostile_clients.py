@@ -131,11 +131,11 @@ async def test_of_two_uploads_at_once_one_is_kept(impatient: Service) -> None:
     await asyncio.sleep(0.2)
     half.set()
     answers = await asyncio.gather(first, second)
-    assert {answer.status_code for answer in answers} == {200}
+    # The one that is there first starts the build, which takes no other video.
+    assert sorted(answer.status_code for answer in answers) == [200, 409]
     (kept,) = await impatient.parts.store.keys(f"routes/{route_id}")
     size = (await impatient.http.get(f"/v1/routes/{route_id}")).json()["video_bytes"]
     assert await impatient.parts.store.size(kept) == size
-    await impatient.http.put(f"/v1/routes/{route_id}/camera", json=CAMERA)
     await impatient.wait(route_id, "ready")
 
 

@@ -132,9 +132,9 @@ def test_what_cannot_be_imported_is_said(tmp_path: Path) -> None:
     assert not out.exists()
 
 
-def test_a_map_is_built_with_its_report(demo_route: DemoRoute, tmp_path: Path) -> None:
+def test_a_map_is_built_with_its_report_without_a_camera(demo_route: DemoRoute, tmp_path: Path) -> None:
     walk = clip(demo_route.leader, tmp_path / "walk", 60)
-    arguments = ("build", walk.video, "--camera", walk.folder / "camera.json", "--length", "5")
+    arguments = ("build", walk.video, "--length", "5")
     said = run(*arguments, "--out", tmp_path / "out.map", "--report", tmp_path / "report")
     assert "5.00 m" in said
     assert len(load_route_map(tmp_path / "out.map").path) == 60
