@@ -32,6 +32,9 @@ class RevisitOptions:
         candidates: places tried for a keyframe; reach: keyframes around one that are taken together.
         min_inliers, min_cells: what the pose of one keyframe must rest on, as in relocalization.
         min_run: keyframes in a row that must agree; max_step: how many may lie between them.
+        max_turn: how far odometry can have turned by mistake since the place was left, radians; max_stray:
+            how far it can have strayed, as a share of the path walked since, beside half the depth of the
+            scene. A flight of stairs like the one below is beyond both.
         scale_agreement: natural logarithm; angle_agreement: radians; shift_agreement: as a share of
             the depth of the scene.
     """
@@ -43,6 +46,8 @@ class RevisitOptions:
     min_cells: int = 10
     min_run: int = 3
     max_step: int = 3
+    max_turn: float = math.radians(40.0)
+    max_stray: float = 0.35
     scale_agreement: float = math.log(1.25)
     angle_agreement: float = math.radians(6.0)
     shift_agreement: float = 0.25
@@ -85,9 +90,20 @@ def find_revisits(
         if later is earlier:
             limit = sum(kf.frame <= later.keyframes[k].frame - options.min_gap for kf in earlier.keyframes)
         revisit = _revisit(later, k, earlier, index, limit, options)
-        if revisit is not None:
+        if revisit is not None and (later is not earlier or _possible(revisit, later, options)):
             found.append(revisit)
     return _agreeing(found, later, options)
+
+
+def _possible(revisit: Revisit, working: WorkingMap, options: RevisitOptions) -> bool:
+    """Whether odometry can have drifted as far as a revisit of its own map says."""
+    centres = np.stack([kf.centre for kf in working.keyframes[revisit.place : revisit.keyframe + 1]])
+    walked = float(np.linalg.norm(np.diff(centres, axis=0), axis=1).sum())
+    stray = float(np.linalg.norm(revisit.earlier_from_later @ centres[-1] - centres[-1]))
+    return (
+        rotation_angle(revisit.earlier_from_later.rotation) <= options.max_turn
+        and stray <= options.max_stray * walked + 0.5 * revisit.depth
+    )
 
 
 def _place_index(working: WorkingMap) -> PlaceIndex:
