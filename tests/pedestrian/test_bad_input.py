@@ -113,6 +113,7 @@ def test_one_absurd_stamp_does_no_harm() -> None:
     stream, events = walk(samples)
     assert steps(events) == WALKER.steps
     assert stream.position == pytest.approx(END, abs=1.5)
+    assert stream.dead_reckoning.unbroken
 
 
 @pytest.mark.parametrize("factor", [1.0 / 9.81, 1000.0, 1e-3, 1000.0 / 9.81])

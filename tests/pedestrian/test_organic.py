@@ -63,6 +63,19 @@ def test_a_profile_walked_backwards_is_the_same_place() -> None:
     assert np.hypot(*(np.array(found[0]) - places[7])) < 2.0
 
 
+def test_places_that_look_alike_are_told_as_doubt() -> None:
+    """Two clusters as likely as each other: their spread, as many times as signatures err together."""
+    anchors = OrganicAnchors(MAGNETIC, profile_distance, 4)
+    for x in (-3.0, 0.0, 3.0):
+        anchors.learn(np.full(4, 30.0) + 1.2 * x, (x, 0.0), 0.01)
+    found = anchors.recall(np.full(4, 30.0), (0.0, 0.0))
+    assert found is not None
+    weights = np.exp(-np.array([12.96, 0.0, 12.96]) / MAGNETIC.scale)
+    spread = float(weights @ np.array([9.0, 0.0, 9.0]) / weights.sum()) / 2.0 + 0.01
+    expected = MAGNETIC.floor**2 + MAGNETIC.repetition * spread
+    assert np.diag(found[1]) == pytest.approx([expected, expected], rel=0.02)
+
+
 def test_what_was_never_seen_is_not_recalled() -> None:
     anchors, places, profiles = learnt()
     here = (float(places[7, 0]), float(places[7, 1]))

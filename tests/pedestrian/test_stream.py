@@ -117,6 +117,24 @@ def test_heights_follow_the_pressure() -> None:
     assert np.sqrt(heights[-1].variance) < 1.0
 
 
+def test_the_doubt_of_a_height_grows_with_the_weather() -> None:
+    stream = PhoneStream()
+    heights = [
+        e for i in range(3000) for e in stream.push(Barometer(i / 5.0, 1000.0)) if isinstance(e, Height)
+    ]
+    assert heights[-1].variance > heights[5].variance + 0.5 * 0.01**2 * 600.0
+
+
+def test_turning_tells_the_magnetometers_bias() -> None:
+    """What turns with the phone is the phone's, what stays is the earth's."""
+    square = ((0.0, 0.0), (0.0, 12.0), (12.0, 12.0), (12.0, 0.0), (0.0, 0.0), (0.0, 12.0), (12.0, 12.0))
+    stream, _ = walk(Walker(corners=square, field_bias=(7.0, -4.0, 0.0)).samples())
+    bias = stream.dead_reckoning.state[6:8]
+    spread = np.sqrt(np.diag(stream.dead_reckoning.covariance)[6:8])
+    assert np.abs(bias - (7.0, -4.0)).max() < 2.5
+    assert (spread < 4.0).all()
+
+
 def test_metric_fixes_teach_the_user() -> None:
     """A walker whose legs are shorter than the model's is learnt from fixes, and known on the next walk."""
     short = Walker(gain=0.80, corners=((0.0, 0.0), (0.0, 40.0)))
