@@ -33,12 +33,7 @@ from server.mapping.outcome import (
 )
 from server.mapping.quality import QualityReport, WalkOutcome, judge_quality
 from server.mapping.route_map import RouteMap
-from server.mapping.self_calibration import (
-    CalibrationOptions,
-    fitted_camera,
-    learn_lens,
-    vote_focal,
-)
+from server.mapping.self_calibration import CalibrationOptions, fitted_camera, learn_lens, vote_focal
 from server.mapping.video import FRAME_RATE, UnreadableVideoError, VideoFrame, probe, read_frames
 from server.mapping.visual_odometry import OdometryOptions, TrackedFrame, TrackingState, VisualOdometry
 from server.mapping.working_map import WorkingMap
