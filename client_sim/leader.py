@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from client_sim.errors import RouteFailedError, WalkError
+from client_sim.errors import RouteFailedError
 from client_sim.service import ByteListener, ServiceClient
 from client_sim.walk import Walk
 from server.protocol.documents import CreateRoute, RouteDocument
