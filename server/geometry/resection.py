@@ -95,8 +95,8 @@ def resect(
             reduced += by_lens.T @ by_lens - coupling.T @ solved[:, :2]
             gradient += by_lens.T @ residual - coupling.T @ solved[:, 2]
             eliminated.append(solved)
-        step = -np.linalg.solve(reduced, gradient)
-        lens = lens + np.clip(step, -0.2, 0.2)
+        step = np.clip(-np.linalg.solve(reduced, gradient), -0.2, 0.2)
+        lens = lens + step
         for k, solved in enumerate(eliminated):
             move = -solved[:, 2] - solved[:, :2] @ step
             turn = rotation_from_vector(move[:3])

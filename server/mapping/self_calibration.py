@@ -172,8 +172,10 @@ def _epipolar_cost(first: Array, second: Array, focal: float, max_error: float) 
     line_b, line_a = a @ essential.T, b @ essential
     product = np.einsum("ij,ij->i", b, line_b)
     slope = (line_a[:, :2] ** 2).sum(axis=1) + (line_b[:, :2] ** 2).sum(axis=1)
-    squared = focal**2 * product**2 / np.maximum(slope, 1e-12)
-    return float(np.minimum(np.nan_to_num(squared, nan=np.inf), (4.0 / 3.0 * max_error) ** 2).sum())
+    # Without a line there is no distance to it: an estimate that failed (t = 0) fits nothing.
+    squared = np.full(len(first), np.inf)
+    np.divide(focal**2 * product**2, slope, out=squared, where=slope > 1e-12)
+    return float(np.minimum(squared, (4.0 / 3.0 * max_error) ** 2).sum())
 
 
 def learn_lens(

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from server.geometry.cameras import Camera, CameraModel, square_pixels
+from server.geometry.cameras import Camera, CameraModel, InvalidCameraError, square_pixels
 from server.geometry.resection import LensPrior, View, resect
 from server.navigation.updates import Fix
 
@@ -154,7 +154,7 @@ class LensEstimator:
         views = [*self._views, view]
         prior = LensPrior(self._prior.camera, self._prior.focal_sigma, self._prior.distortion_sigma)
         found = resect(views, prior)
-        if found is None or not 0.4 < found.camera.focal[0] / self._prior.camera.focal[0] < 2.5:
+        if found is None or not self._is_possible(found.camera):
             return
         self._views = [
             View(pose, v.points, v.pixels, v.sigmas) for pose, v in zip(found.poses, views, strict=True)
@@ -166,6 +166,14 @@ class LensEstimator:
             self._prior.distortion_sigma,
             settled=len(views) >= options.views or sigma < options.settled,
         )
+
+    def _is_possible(self, lens: Camera) -> bool:
+        """Whether there are such lenses: few views can leave the picture's corners to a coefficient."""
+        try:
+            lens.check()
+        except InvalidCameraError:
+            return False
+        return 0.4 < lens.focal[0] / self._prior.camera.focal[0] < 2.5
 
     def _is_new(self, view: View) -> bool:
         if not self._views:

@@ -22,7 +22,7 @@ from server.features.tracking import TrackedFeatures
 from server.geometry.cameras import Camera, CameraModel, typical_camera
 from server.mapping.build import build_route_map
 from server.mapping.outcome import BuildResult, BuildStatus, CameraSource
-from server.mapping.self_calibration import FocalVote, fitted_camera, vote_focal
+from server.mapping.self_calibration import FocalVote, _epipolar_cost, fitted_camera, vote_focal
 
 BENT = LensCamera("SIMPLE_RADIAL", 640, 480, (500.0, 320.0, 240.0, -0.15))
 FRAMES = 100
@@ -163,3 +163,12 @@ def test_a_portrait_video_is_mapped(demo_route: DemoRoute, tmp_path: Path) -> No
     forward = path.position[-1] / np.linalg.norm(path.position[-1])
     sideways = path.position - np.outer(path.position @ forward, forward)
     assert np.linalg.norm(sideways, axis=1).max() < 0.03 * np.linalg.norm(path.position[-1])
+
+
+def test_tracks_on_one_line_speak_for_no_focal_length() -> None:
+    """There is no relative pose of them: none must not count as one that fits."""
+    first, there = (
+        np.column_stack([np.linspace(-300.0, 300.0, 80) + at, np.zeros(80)]) for at in (0.0, 20.0)
+    )
+    costs = [_epipolar_cost(first, there, focal, 1.5) for focal in (300.0, 500.0, 900.0)]
+    assert costs == pytest.approx([80 * 4.0] * 3)

@@ -125,3 +125,16 @@ def test_views_that_contradict_the_map_are_not_believed() -> None:
     before = estimator.belief
     estimator.learn(replace(view, points=-view.points))
     assert estimator.belief == before
+
+
+def test_a_lens_that_folds_the_picture_is_not_believed() -> None:
+    """Views of the middle alone may ask for a coefficient that no lens with such corners has."""
+    rng = np.random.default_rng(8)
+    rays = rng.uniform([-0.8, -0.6], [0.8, 0.6], (90, 2))
+    bend = 1.0 - 0.15 * (rays**2).sum(axis=1, keepdims=True)
+    points = np.column_stack([rays, np.ones(90)]) * rng.uniform(2, 8, (90, 1))
+    view = View(SE3.identity(), points, 330.0 * rays * bend + (320.0, 240.0), np.full(90, 0.8))
+    estimator = LensEstimator.start(typical_camera(640, 480), known=False)
+    belief = _learnt(estimator, [view])
+    assert LensBelief.from_json(json.loads(json.dumps(belief.to_json()))) == belief
+    assert len(estimator.focal_factors) > 1
