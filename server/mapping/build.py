@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -33,7 +34,13 @@ from server.mapping.outcome import (
 )
 from server.mapping.quality import QualityReport, WalkOutcome, judge_quality
 from server.mapping.route_map import RouteMap
-from server.mapping.self_calibration import CalibrationOptions, fitted_camera, learn_lens, vote_focal
+from server.mapping.self_calibration import (
+    CalibrationOptions,
+    FocalVote,
+    fitted_camera,
+    learn_lens,
+    vote_focal,
+)
 from server.mapping.video import FRAME_RATE, UnreadableVideoError, VideoFrame, probe, read_frames
 from server.mapping.visual_odometry import OdometryOptions, TrackedFrame, TrackingState, VisualOdometry
 from server.mapping.working_map import WorkingMap
@@ -52,7 +59,9 @@ class BuildOptions:
             part needs to count.
         calibration: how an unknown camera is found out.
         min_tracked: share of the frames that must be tracked for a map to be worth having.
-        lens_tolerance: relative displacement of pixels up to which a given camera is not refined.
+        lens_doubt: relative difference between the focal length that was given and the one the walk votes
+            for from which on the given camera is doubted; lens_tolerance: relative displacement of pixels up
+            to which it is kept all the same: leader and follower are mostly described by the same phones.
         lens_bends: from which on a lens has bent the odometry, which then is done anew with the refined one;
             most_walks: how often it is done at most.
         measured_length: length of the walk in metres, if somebody measured it: fixes the scale.
@@ -69,7 +78,8 @@ class BuildOptions:
     min_keyframes: int = 3
     max_seconds: float = 1800.0
     min_tracked: float = 0.7
-    lens_tolerance: float = 0.02
+    lens_doubt: float = 0.05
+    lens_tolerance: float = 0.08
     lens_bends: float = 0.03
     most_walks: int = 3
     measured_length: float | None = None
@@ -288,10 +298,16 @@ class _Walk:
             if isinstance(working, BuildResult):
                 return working
             progress(BuildStage.REFINING, 0.0)
-            bent = self._refine(working, vote.decided) > options.lens_bends
+            bent = self._refine(working, self._tells_lens(vote)) > options.lens_bends
             if not bent:
                 break
         return working
+
+    def _tells_lens(self, vote: FocalVote) -> bool:
+        """Whether the lens is to be adjusted: the walk tells it, and what was given does not agree."""
+        if self.origin is not CameraSource.GIVEN:
+            return vote.decided
+        return vote.decided and abs(math.log(vote.focal / self.camera.focal[0])) > self.options.lens_doubt
 
     def _put_together(self, report: BuildReport, progress: _Progress) -> WorkingMap | BuildResult:
         """The walk's parts as one map, or why that cannot be."""

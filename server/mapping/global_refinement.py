@@ -60,6 +60,8 @@ def refine_globally(working: WorkingMap, options: RefinementOptions | None = Non
         if round_number == 0 and displacement(working.camera, before) <= options.lens_tolerance:
             working.camera = before
             options = replace(options, free_lens=False)
+            # What the other lens has moved must find its way back before anything is judged by this one.
+            _adjust(working, options)
         _drop_outliers(working, options.max_error)
     _drop_weak(working, options.min_observations)
     _drop_flat(working, options.min_parallax)

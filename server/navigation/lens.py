@@ -33,7 +33,7 @@ class LensOptions:
         optimism: by how much errors that views share make them tell less than they seem to.
     """
 
-    focal_sigma: float = 0.03
+    focal_sigma: float = 0.05
     distortion_sigma: float = 0.02
     unknown_focal_sigma: float = 0.3
     unknown_distortion_sigma: float = 0.05
@@ -42,7 +42,7 @@ class LensOptions:
     turn: float = math.radians(6.0)
     move: float = 0.3
     settled: float = 0.003
-    usable: float = 0.03
+    usable: float = 0.06
     search: tuple[float, ...] = (1.0, 0.88, 1.14, 0.77, 1.3, 0.67, 1.48)
     optimism: float = 2.0
 
