@@ -187,7 +187,14 @@ class DeadReckoning:
 
         Returns:
             The squared Mahalanobis distance between the fix and what was expected.
+
+        Raises:
+            ValueError: a number that is not finite, or a covariance that is not positive.
         """
+        if not np.isfinite([t, *position, *np.ravel(covariance)]).all():
+            raise ValueError("a fix needs a time, a position and a covariance that are finite")
+        if float(np.linalg.eigvalsh(covariance)[0]) <= 0.0:
+            raise ValueError("a fix needs a covariance that is positive: how well is the position known?")
         place = np.array(position) + self.state[:2] - np.array(self.position_at(t))
         jacobian = np.zeros((2, SIZE))
         jacobian[0, X] = jacobian[1, Y] = 1.0

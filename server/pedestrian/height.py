@@ -56,6 +56,12 @@ class HeightTracker:
         variance = options.noise**2 * (1.0 + 1.0 / len(recent)) + options.weather**2 * (t - self._begin)
         return Height(t, sum(recent) / len(recent), variance)
 
+    def resume(self, t: float, unheard: float) -> None:
+        """The clock was set anew, to ``t``, after ``unheard`` seconds: heights go on, the climb does not."""
+        self._readings.clear()
+        self._begin = t - unheard - (self._told - self._begin)
+        self._told = t - self.options.every
+
     def climb(self, t: float) -> float | None:
         """Metres a second over the latest window, by least squares; ``None`` without readings enough."""
         readings = np.array(self._readings)

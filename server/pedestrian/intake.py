@@ -56,11 +56,12 @@ class Clock:
         self._reports = reports
         self.now: float | None = None
         self.jumps = 0
+        self.jumped = 0.0
         self._last: dict[Sensor, float] = {}
         self._doubted: list[float] = []
 
     def admit(self, t: float, sensor: Sensor) -> bool:
-        """Whether to use a sample with the stamp ``t``; ``jumps`` rises when the clock was set anew."""
+        """Whether to use a sample with the stamp ``t``; ``jumps`` rises when the clock has ``jumped``."""
         reports = self._reports
         if not math.isfinite(t):
             reports.add(self.now or 0.0, sensor, TroubleKind.NOT_FINITE, "time stamp")
@@ -72,6 +73,7 @@ class Clock:
                 reports.add(now, sensor, kind, f"stamp {t - now:+.3f} s off the clock, dropped")
                 return False
             self.jumps += 1
+            self.jumped = t - now
             reports.add(t, sensor, TroubleKind.CLOCK_JUMP, f"the clock went {t - now:+.3f} s")
             self._last.clear()
             self.now = now = None

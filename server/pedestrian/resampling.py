@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 
 Vector = tuple[float, float, float]
 
+_LONGEST_WAIT = 10.0
+"""Seconds for which an angular velocity waits for the force of its time."""
+
 
 @dataclass(slots=True)
 class AreaResampler:
@@ -64,7 +67,8 @@ class AreaResampler:
 class MotionGrid:
     """Accelerometer and gyroscope, each with stamps of its own, on one even grid.
 
-    A gyroscope that is missing, or is silent for ``patience`` seconds, counts as one that reads zero.
+    A gyroscope that is missing, or is silent for ``patience`` seconds, counts as one that reads zero;
+    ``deaf`` says that this is so of one that was heard before. Memory: ten seconds of it at the most.
 
     Args:
         period: seconds of the grid.
@@ -77,10 +81,11 @@ class MotionGrid:
         self._turning = AreaResampler(period)
         self._origin = 0.0
         self._force_ticks = 0
-        self._turning_ticks = 0
+        self._turning_ticks = self._first_turning = 0
         self._forces: deque[Vector] = deque()
-        self._turnings: deque[Vector] = deque()
+        self._turnings: deque[Vector] = deque(maxlen=round(_LONGEST_WAIT / period))
         self._ready = 0
+        self.deaf = False
 
     def acceleration(self, t: float, value: Vector) -> list[tuple[float, Vector, Vector]]:
         """Take a specific force; what is complete: (time, force, angular velocity) for each tick."""
@@ -103,6 +108,7 @@ class MotionGrid:
         if turning.empty:
             # Its first tick is the one whose whole interval it has seen.
             self._turning_ticks = max(self._ready, math.ceil((t - self._origin) / self._period))
+            self._first_turning = self._turning_ticks
             turning.start(max(t, self._origin + self._turning_ticks * self._period), value)
             return []
         tick = self._origin + (self._turning_ticks + 1) * self._period
@@ -122,8 +128,11 @@ class MotionGrid:
                 ahead += 1
             if self._turnings and ahead == 0:
                 turning = self._turnings.popleft()
+                self.deaf = False
             elif not self._turnings and len(self._forces) <= self._patience:
                 break
+            else:
+                self.deaf = not self._turning.empty and self._ready >= self._first_turning
             self._ready += 1
             complete.append((self._origin + self._ready * self._period, self._forces.popleft(), turning))
         return complete

@@ -50,10 +50,12 @@ class StreamOptions:
     Attributes:
         period: seconds of the grid to which motion sensors are resampled.
         pause_speed: metres a second at which a walker may go on while the phone says nothing.
+        longest_pause: seconds of silence; what a clock skips beyond is no time that has passed.
     """
 
     period: float = 0.02
     pause_speed: float = 1.0
+    longest_pause: float = 600.0
     intake: IntakeOptions = field(default_factory=IntakeOptions)
     gait: GaitOptions = field(default_factory=GaitOptions)
     dead_reckoning: DeadReckoningOptions = field(default_factory=DeadReckoningOptions)
@@ -135,6 +137,9 @@ class PhoneStream:
 
         Returns:
             The squared Mahalanobis distance between the fix and what was expected.
+
+        Raises:
+            ValueError: a number that is not finite, or a covariance that is not positive.
         """
         return self.dead_reckoning.fix(t, position, covariance)
 
@@ -157,20 +162,25 @@ class PhoneStream:
         return events
 
     def _push_acceleration(self, sample: Accelerometer, events: list[Event]) -> None:
-        if not self._admit_motion(sample, Sensor.ACCELEROMETER):
+        if not self._admit(sample, Sensor.ACCELEROMETER):
             return
         norm = math.sqrt(sample.x * sample.x + sample.y * sample.y + sample.z * sample.z)
         factor = self._scale(sample.t, norm, self._acceleration_unit, Sensor.ACCELEROMETER)
         if factor is not None:
+            self._continue(sample.t, Sensor.ACCELEROMETER)
             force = (sample.x * factor, sample.y * factor, sample.z * factor)
             if self._gyroscope.force(sample.t, force):
                 kind = TroubleKind.AXES if self._gyroscope.axes_changed else TroubleKind.UNITS
                 self._reports.add(sample.t, Sensor.GYROSCOPE, kind, self._gyroscope.describe())
+            deaf = self._grid.deaf
             for tick in self._grid.acceleration(sample.t, force):
                 self._move(*tick, events)
+            if self._grid.deaf and not deaf:
+                detail = "not heard when it was needed, taken as not turning"
+                self._reports.add(sample.t, Sensor.GYROSCOPE, TroubleKind.GAP, detail)
 
     def _push_rotation(self, sample: Gyroscope, events: list[Event]) -> None:
-        if not self._admit_motion(sample, Sensor.GYROSCOPE):
+        if not self._admit(sample, Sensor.GYROSCOPE):
             return
         turning = (sample.x, sample.y, sample.z)
         if max(abs(sample.x), abs(sample.y), abs(sample.z)) < ABSURD_TURN:
@@ -181,6 +191,7 @@ class PhoneStream:
         if max(abs(turning[0]), abs(turning[1]), abs(turning[2])) > FASTEST_TURN:
             self._reports.add(sample.t, Sensor.GYROSCOPE, TroubleKind.IMPLAUSIBLE, "no phone turns so fast")
             return
+        self._continue(sample.t, Sensor.GYROSCOPE)
         for tick in self._grid.rotation(sample.t, turning):
             self._move(*tick, events)
 
@@ -232,7 +243,10 @@ class PhoneStream:
             return False
         if self._clock.jumps != self._jumps:
             self._jumps = self._clock.jumps
-            self.dead_reckoning.pause(0.0, 0.0)
+            # Forwards it may have been the phone that slept, while its owner walked on.
+            unheard = min(max(0.0, self._clock.jumped), self.options.longest_pause)
+            self.dead_reckoning.pause(unheard, self.options.pause_speed)
+            self._height.resume(t, unheard)
             self._restart()
         return True
 
@@ -244,16 +258,15 @@ class PhoneStream:
             return False
         return True
 
-    def _admit_motion(self, sample: VectorSample, sensor: Sensor) -> bool:
-        if not self._admit(sample, sensor):
-            return False
-        last = self._last_motion.get(sensor, sample.t)
-        if sample.t - last > self.options.intake.longest_gap:
-            self._reports.add(sample.t, sensor, TroubleKind.GAP, f"{sample.t - last:.3f} s without a sample")
-            self.dead_reckoning.pause(sample.t - last, self.options.pause_speed)
+    def _continue(self, t: float, sensor: Sensor) -> None:
+        """A motion sensor's reading at ``t`` is good: does it go on from its last good one?"""
+        last = self._last_motion.get(sensor, t)
+        if t - last > self.options.intake.longest_gap:
+            if not (sensor is Sensor.GYROSCOPE and self._grid.deaf):
+                self._reports.add(t, sensor, TroubleKind.GAP, f"{t - last:.3f} s without a sample")
+            self.dead_reckoning.pause(t - last, self.options.pause_speed)
             self._restart()
-        self._last_motion[sensor] = sample.t
-        return True
+        self._last_motion[sensor] = t
 
     def _scale(self, t: float, norm: float, guard: UnitGuard, sensor: Sensor) -> float | None:
         if guard.observe(norm):

@@ -12,7 +12,8 @@ class PhysicalRange:
 
     Attributes:
         low, high: of the median reading, in our unit.
-        limit: no single reading is beyond this.
+        limit: no single reading is beyond this, ...
+        least: ... nor below this.
         factors: to our unit, the likeliest first.
     """
 
@@ -20,6 +21,7 @@ class PhysicalRange:
     high: float
     limit: float
     factors: tuple[float, ...]
+    least: float = 0.0
 
 
 G = 9.81
@@ -29,7 +31,7 @@ ACCELERATION = PhysicalRange(7.0, 13.0, 250.0, (1.0, G, G / 1000.0, 1e-3, 1e3, G
 MAGNETIC_FIELD = PhysicalRange(8.0, 250.0, 5000.0, (1.0, 1e-3, 1e3, 1e6, 100.0, 0.1))
 """Microtesla; from nT, mT, T, gauss, milligauss. Inside buildings the earth's 25 to 65 may be twice that."""
 
-PRESSURE = PhysicalRange(300.0, 1100.0, 1200.0, (1.0, 0.01, 10.0, 1e3, 1e-3))
+PRESSURE = PhysicalRange(300.0, 1100.0, 1200.0, (1.0, 0.01, 10.0, 1e3, 1e-3), least=150.0)
 """hPa; from Pa, kPa, bar."""
 
 
@@ -49,9 +51,11 @@ class UnitGuard:
 
     def scale(self, norm: float) -> float | None:
         """What to multiply a reading by; ``None`` if it is of no use, or not yet."""
-        if self.factor is not None:
-            return self.factor if norm * self.factor <= self.range.limit else None
-        return 1.0 if 0.35 * self.range.low <= norm <= 4.0 * self.range.high else None
+        bounds, factor = self.range, self.factor
+        if factor is not None:
+            return factor if bounds.least <= norm * factor <= bounds.limit else None
+        likely = max(bounds.least, 0.35 * bounds.low) <= norm <= min(bounds.limit, 4.0 * bounds.high)
+        return 1.0 if likely else None
 
     def observe(self, norm: float) -> bool:
         """Take a reading's norm, in its own unit.
@@ -62,7 +66,7 @@ class UnitGuard:
         factor, bounds = self.factor, self.range
         if factor is not None:
             scaled = norm * factor
-            stray = not 0.02 * bounds.low <= scaled <= bounds.limit
+            stray = not max(bounds.least, 0.02 * bounds.low) <= scaled <= bounds.limit
             self._strays = self._strays + 1 if stray else max(0, self._strays - 1)
             if self._strays <= self._count:
                 return False

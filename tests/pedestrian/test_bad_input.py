@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from server.pedestrian.events import Event, Sensor, Step, Trouble, TroubleKind
+from server.pedestrian.events import Event, Height, Sensor, Step, Trouble, TroubleKind
 from server.pedestrian.samples import (
     Accelerometer,
     Barometer,
@@ -210,3 +211,81 @@ def test_troubles_are_told_ever_more_rarely() -> None:
         if isinstance(event, Trouble)
     ]
     assert told_counts == [1, 10, 100, 1000]
+
+
+@pytest.mark.parametrize("pressure", [0.0, -0.0, 1e-300, 1e300])
+def test_a_pressure_that_cannot_be_is_dropped(pressure: float) -> None:
+    samples: list[Sample] = [Barometer(i * 0.2, 1000.0 if i != 20 else pressure) for i in range(60)]
+    _, events = walk(samples)
+    assert told(events, Sensor.BAROMETER, TroubleKind.IMPLAUSIBLE)
+    heights = [event.height for event in events if isinstance(event, Height)]
+    assert len(heights) >= 10
+    assert heights == pytest.approx([0.0] * len(heights))
+
+
+@pytest.mark.parametrize("jump", [-1e6, 1e6])
+def test_heights_go_on_when_the_clock_is_set_anew(jump: float) -> None:
+    samples: list[Sample] = [Barometer(i * 0.2 + jump * (i > 50), 1000.0) for i in range(150)]
+    _, events = walk(samples)
+    after = [event for event in events if isinstance(event, Height) and abs(event.t - jump) < 40.0]
+    assert len(after) >= 17
+    assert all(0.0 < event.variance < 1.0 for event in after)
+
+
+@pytest.mark.parametrize("reading", [0.0, 3e5])
+def test_a_stretch_of_impossible_readings_is_a_gap(reading: float) -> None:
+    """It is not interpolated, however long it lasts."""
+    samples: list[Sample] = [
+        Accelerometer(i * 0.02, 0.0, 0.0, 9.81 if i < 200 or i > 3200 else reading) for i in range(3500)
+    ]
+    stream = PhoneStream()
+    for sample in samples:
+        events = stream.push(sample)
+        assert sum(not isinstance(event, Trouble) for event in events) < 5
+    assert stream.troubles[Sensor.ACCELEROMETER, TroubleKind.GAP] == 1
+    assert np.trace(stream.position_covariance) > 1000.0
+
+
+def test_a_phone_that_slept_may_be_elsewhere() -> None:
+    samples = [replace(s, t=s.t + 10.0 * (s.t > 9.0)) for s in WALKER.samples()]
+    stream, _ = walk(samples)
+    assert np.trace(stream.position_covariance) > 2.0 * 10.0**2
+
+
+def test_a_gyroscope_alone_is_not_hoarded() -> None:
+    stream = PhoneStream()
+    stream.push(Accelerometer(0.0, 0.0, 0.0, 9.81))
+    sizes = []
+    for i in range(1, 6001):
+        stream.push(Gyroscope(i * 0.02, 0.0, 0.0, 0.1))
+        if i % 3000 == 0:
+            sizes.append(len(pickle.dumps(stream)))
+    assert sizes[1] < 1.1 * sizes[0]
+
+
+def test_a_gyroscope_that_comes_in_bursts_is_told_of() -> None:
+    """All of a second's forces, then its angular velocities: too late to be used, and not in silence."""
+    bursts = sorted(WALKER.samples(), key=lambda s: (int(s.t), type(s).__name__))
+    _, events = walk(bursts)
+    assert told(events, Sensor.GYROSCOPE, TroubleKind.GAP)
+    late = [s for s in WALKER.samples() if s.t > 1.0 or not isinstance(s, Gyroscope)]
+    stream, _ = walk(late)
+    assert not stream.troubles
+
+
+@pytest.mark.parametrize(
+    ("t", "position", "covariance"),
+    [
+        (math.nan, (0.0, 0.0), np.eye(2)),
+        (1.0, (math.nan, 0.0), np.eye(2)),
+        (1.0, (0.0, 0.0), np.full((2, 2), math.inf)),
+        (1.0, (0.0, 0.0), np.zeros((2, 2))),
+    ],
+)
+def test_a_fix_without_sense_is_refused(
+    t: float, position: tuple[float, float], covariance: np.ndarray
+) -> None:
+    stream = PhoneStream()
+    with pytest.raises(ValueError, match="a fix needs"):
+        stream.fix(t, position, covariance)
+    assert stream.position == (0.0, 0.0)
