@@ -94,7 +94,7 @@ def read_windows(folder: Path) -> LabelledWindows:
     """Raises: RecordingError: no such recordings."""
     with unpacked(folder, "labels.txt") as files:
         values, classes, people, passages, broken = [], [], [], [], 0
-        labels = np.loadtxt(files[0], dtype=int, ndmin=2)
+        labels = _read_labels(files[0])
         for experiment, user, code, first, last in labels.tolist():
             force, turning = _read(files[0].parent, experiment, user)
             if code not in _CODES:
@@ -106,6 +106,8 @@ def read_windows(folder: Path) -> LabelledWindows:
                 features(force[begin : begin + WINDOW], turning[begin : begin + WINDOW])
                 for begin in range(first, last - WINDOW + 1, int(RATE_HZ))
             ]
+            if not every_second:
+                continue
             passages.append(Passage(_CODES[code], user, np.array(every_second)))
             for begin in range(first, last - WINDOW + 1, WINDOW // 2):
                 window = slice(begin, begin + WINDOW)
@@ -114,7 +116,22 @@ def read_windows(folder: Path) -> LabelledWindows:
                 people.append(user)
     if not values:
         raise RecordingError(f"{folder} has no labelled windows of {WINDOW} samples")
+    if len(set(people)) < 2:
+        raise RecordingError(f"{folder} has one person alone: nobody is left to learn from")
     return LabelledWindows(np.array(values), np.array(classes), np.array(people), tuple(passages), broken)
+
+
+def _read_labels(file: Path) -> Indices:
+    """(N, 5)."""
+    try:
+        rows = [
+            [int(word) for word in line.split()] for line in file.read_text(encoding="utf-8").splitlines()
+        ]
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{file}: {error}") from error
+    if any(len(row) not in (0, 5) for row in rows):
+        raise RecordingError(f"{file}: a line is not experiment, user, activity, first, last")
+    return np.array([row for row in rows if row], dtype=np.intp).reshape(-1, 5)
 
 
 def _read(folder: Path, experiment: int, user: int) -> tuple[Array, Array]:

@@ -37,8 +37,8 @@ Array = NDArray[np.float64]
 app = typer.Typer(help="Judge a phone's own sensors against recorded truth.", no_args_is_help=True)
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of recordings, or of their archives.")]
-JsonFile = Annotated[Path, typer.Option("--json", help="Where the figures are written.")]
-Plots = Annotated[Path | None, typer.Option("--plots", help="Folder for pictures.")]
+JsonFile = Annotated[Path, typer.Option("--json", dir_okay=False, help="Where the figures are written.")]
+Plots = Annotated[Path | None, typer.Option("--plots", file_okay=False, help="Folder for pictures.")]
 
 
 @contextmanager
@@ -46,7 +46,7 @@ def _judging(console: Console) -> Iterator[None]:
     try:
         yield
     except RecordingError as error:
-        console.print(f"[red]{error}")
+        console.print(str(error), style="red", markup=False, soft_wrap=True)
         raise typer.Exit(2) from error
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import lzma
 import tarfile
 import tempfile
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ def unpacked(folder: Path, pattern: str) -> Iterator[list[Path]]:
     """Files below ``folder`` that match ``pattern``, or, if there are none, those in its ``*.tar.xz``.
 
     Raises:
-        RecordingError: neither has one.
+        RecordingError: neither has one, or an archive is broken.
     """
     if not folder.is_dir():
         raise RecordingError(f"{folder} is not a folder")
@@ -28,8 +29,11 @@ def unpacked(folder: Path, pattern: str) -> Iterator[list[Path]]:
         return
     with tempfile.TemporaryDirectory(prefix="pairnavi-recordings-") as temporary:
         for archive in sorted(folder.rglob("*.tar.xz")):
-            with tarfile.open(archive) as tar:
-                tar.extractall(temporary, filter="data")
+            try:
+                with tarfile.open(archive, "r:xz") as tar:
+                    tar.extractall(temporary, filter="data")
+            except (tarfile.TarError, lzma.LZMAError, EOFError, OSError) as error:
+                raise RecordingError(f"{archive} cannot be unpacked: {error}") from error
         files = sorted(Path(temporary).rglob(pattern))
         if not files:
             raise RecordingError(f"{folder} has no {pattern}, nor a .tar.xz that holds one")

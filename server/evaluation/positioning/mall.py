@@ -120,8 +120,10 @@ def _read_floor(folder: Path, files: list[Path]) -> Floor:
     try:
         info = json.loads((folder / "floor_info.json").read_text(encoding="utf-8"))["map_info"]
         size = (float(info["width"]), float(info["height"]))
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, KeyError, TypeError, ValueError) as error:
         raise RecordingError(f"{folder} has no floor_info.json with the map's size") from error
     picture = folder / "floor_image.png"
     walks = tuple(read_walk(file, name) for file in files)
+    if all(len(walk.waypoints) < 2 for walk in walks):
+        raise RecordingError(f"{folder} has no walk with a waypoint after its start: nothing to judge")
     return Floor(name, walks, picture.read_bytes() if picture.is_file() else None, size)

@@ -66,11 +66,15 @@ class StepReport:
 def read_trace(file: Path) -> StepTrace:
     """Raises: RecordingError: not such a file."""
     try:
+        if not file.read_text(encoding="utf-8").strip():
+            raise ValueError("it is empty")
         rows = np.loadtxt(file, delimiter=",", ndmin=2)
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         raise RecordingError(f"{file} is not a trace of numbers: {error}") from error
     if rows.shape[1] < 6 or len(rows) < 2:
         raise RecordingError(f"{file} has {rows.shape[1]} columns, a trace has 7")
+    if not np.isfinite(rows[:, :6]).all() or (np.diff(rows[:, 5]) < 0.0).any() or rows[0, 5] < 0.0:
+        raise RecordingError(f"{file} is not a trace: a number is missing, or its count of steps falls")
     t = (rows[:, 0] - rows[0, 0]) * 1e-9
     count = np.diff(rows[:, 5], prepend=0.0)
     return StepTrace(file.stem, np.column_stack([t, rows[:, 1:4]]), np.repeat(t, count.astype(int)))
