@@ -21,6 +21,11 @@ from server.pedestrian.orientation import Vector
 
 Array = NDArray[np.float64]
 
+ORIGIN = (
+    "Parameters of pairnavi's own, under its licence: learnt by `pairnavi evaluate positioning activities` "
+    "from labelled recordings of phones; nothing of a recording is in them."
+)
+
 CLASSES = (Activity.WALKING, Activity.STAIRS_UP, Activity.STAIRS_DOWN, Activity.STILL)
 
 RATE_HZ = 50.0
@@ -142,6 +147,7 @@ class ActivityModel:
 
     def to_json(self) -> dict[str, Any]:
         return {
+            "origin": ORIGIN,
             "mean": [round(v, 5) for v in self.mean.tolist()],
             "deviation": [round(v, 5) for v in self.deviation.tolist()],
             "weights": [[round(v, 4) for v in row] for row in self.weights.tolist()],
