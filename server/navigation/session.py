@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -155,7 +156,7 @@ class NavigationSession:
         memory = self._memory
         rectifier = self._rectifier_of(image)
         features = self._extractor.extract(rectifier(image))
-        since_fix = capture_time - memory.fix_time
+        since_fix = self._since_fix(capture_time)
         prior = memory.world_from_camera if abs(since_fix) <= self.options.prior_seconds else None
         trusted = prior is not None and capture_time - memory.trusted_time <= self.options.trust_seconds
         lens = self._lens_of(rectifier.target)
@@ -214,10 +215,14 @@ class NavigationSession:
             f"{self._camera.width}x{self._camera.height}"
         )
 
+    def _since_fix(self, time: float) -> float:
+        """Seconds since the last fix; infinite on a clock that was set back, as that tells nothing of it."""
+        since = time - self._memory.fix_time
+        return since if since >= -self.options.prior_seconds else math.inf
+
     def _fixed(self, fix: Fix, time: float, sequence: int) -> Update:
         pose, memory = fix.world_from_camera, self._memory
-        # A clock that was set back says nothing about how far the follower may have come.
-        known = memory.progress if time >= memory.fix_time - self.options.prior_seconds else None
+        known = memory.progress if math.isfinite(self._since_fix(time)) else None
         progress = self._guide.locate(pose, time, known)
         doubtful = progress.doubted is not None
         state = NavigationState.ON_ROUTE
@@ -240,7 +245,7 @@ class NavigationSession:
 
     def _refused(self, refusal: Refusal, time: float, sequence: int) -> Update:
         memory = self._memory
-        since_fix = time - memory.fix_time
+        since_fix = self._since_fix(time)
         if memory.quaternion is None:
             state = NavigationState.SEARCHING
         elif since_fix > self.options.lost_seconds and memory.state is not NavigationState.ARRIVED:

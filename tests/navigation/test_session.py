@@ -310,6 +310,19 @@ def test_a_phone_whose_clock_jumps_is_found_again(
     assert update.guidance.progress == pytest.approx(69 / len(frames), abs=0.1)
 
 
+def test_a_hint_does_not_outlive_a_clock_that_was_set_back(
+    demo_route: DemoRoute, frames: list[VideoFrame]
+) -> None:
+    """As a page's clock is when it is loaded anew: what was true before may be long ago."""
+    session = NavigationSession(demo_route.route_map, demo_route.follower.camera)
+    for k, frame in enumerate(frames[:5]):
+        before = session.process(frame.image, 600.0 + frame.time, k)
+    assert before.state is NavigationState.ON_ROUTE
+    assert before.guidance is not None
+    after = session.process(BLIND, 2.0, 5)
+    assert (after.state, after.guidance) == (NavigationState.LOST, None)
+
+
 def test_a_follower_who_starts_in_the_middle_is_found_there(
     demo_route: DemoRoute, frames: list[VideoFrame]
 ) -> None:
