@@ -37,7 +37,8 @@ def _between(times: Array, values: Array) -> Array:
     return 0.5 * (values[1:] + values[:-1]) * np.diff(times)[:, None]
 
 
-@pytest.mark.parametrize(("faults", "degrees"), [(PERFECT, 0.15), (None, 1.5)])
+# A bias of 0.004 rad/s an axis over ten seconds: 99 % of such phones turn away by less than 7.7 degrees.
+@pytest.mark.parametrize(("faults", "degrees"), [(PERFECT, 0.15), (None, 7.7)])
 def test_the_gyroscope_integrates_to_the_rotation(
     motion: Motion, faults: SensorFaults | None, degrees: float
 ) -> None:
