@@ -99,6 +99,14 @@ class Camera:
                 f"the distortion {self.distortion} folds the image over before its corners: no lens does that"
             )
 
+    def is_possible(self) -> bool:
+        """Whether :meth:`check` finds nothing to refuse."""
+        try:
+            self.check()
+        except InvalidCameraError:
+            return False
+        return True
+
     def _is_one_to_one(self) -> bool:
         """Whether every pixel has a ray of its own."""
         if self.is_pinhole:

@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from server.geometry.cameras import Camera, CameraModel, InvalidCameraError
+from server.geometry.cameras import Camera, CameraModel
 from server.geometry.poses import SE3
 from server.mapping.working_map import WorkingMap
 
@@ -128,7 +128,7 @@ def _adjust(working: WorkingMap, options: RefinementOptions) -> None:
         lens = Camera(
             camera.model, camera.width, camera.height, tuple(map(float, reconstruction.camera(1).params))
         )
-        working.camera = lens if _is_a_lens(lens) else camera
+        working.camera = lens if lens.is_possible() else camera
     for k, kf in enumerate(working.keyframes):
         refined = reconstruction.image(k + 1).cam_from_world()
         kf.camera_from_world = SE3.from_quaternion(refined.rotation.quat, refined.translation)
@@ -136,14 +136,6 @@ def _adjust(working: WorkingMap, options: RefinementOptions) -> None:
         # Points behind their cameras are gone from the solver's model; they are dropped as outliers here.
         if reconstruction.exists_point3D(point_id):
             working.position[landmark] = reconstruction.point3D(point_id).xyz
-
-
-def _is_a_lens(camera: Camera) -> bool:
-    try:
-        camera.check()
-    except InvalidCameraError:
-        return False
-    return True
 
 
 def _drop_outliers(working: WorkingMap, max_error: float) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from server.geometry.cameras import Camera, CameraModel, InvalidCameraError, square_pixels
+from server.geometry.cameras import Camera, CameraModel, square_pixels
 from server.geometry.resection import LensPrior, View, resect
 from server.navigation.updates import Fix
 
@@ -169,11 +169,7 @@ class LensEstimator:
 
     def _is_possible(self, lens: Camera) -> bool:
         """Whether there are such lenses: few views can leave the picture's corners to a coefficient."""
-        try:
-            lens.check()
-        except InvalidCameraError:
-            return False
-        return 0.4 < lens.focal[0] / self._prior.camera.focal[0] < 2.5
+        return lens.is_possible() and 0.4 < lens.focal[0] / self._prior.camera.focal[0] < 2.5
 
     def _is_new(self, view: View) -> bool:
         if not self._views:
