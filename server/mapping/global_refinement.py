@@ -57,7 +57,8 @@ def refine_globally(working: WorkingMap, options: RefinementOptions | None = Non
     for round_number in range(options.rounds):
         _drop_weak(working, options.min_observations if round_number else 2)
         _adjust(working, options)
-        if round_number == 0 and displacement(working.camera, before) <= options.lens_tolerance:
+        freed = options.free_lens and round_number == 0
+        if freed and displacement(working.camera, before) <= options.lens_tolerance:
             working.camera = before
             options = replace(options, free_lens=False)
             # What the other lens has moved must find its way back before anything is judged by this one.
